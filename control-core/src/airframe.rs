@@ -1,0 +1,86 @@
+//! What the controller knows of the machine it flies.
+use crate::GRAVITY_M_S2;
+
+/// Where a rotor sits and how much it can pull.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rotor {
+    /// Distance ahead of the centre of mass, m.
+    pub forward_m: f32,
+    /// Distance to the right of the centre of mass, m.
+    pub right_m: f32,
+    /// Largest thrust, N.
+    pub thrust_n_max: f32,
+}
+
+/// A quadrotor whose rotors 1 and 3 face each other and turn counter-clockwise seen from above, as 2 and 4
+/// face each other and turn clockwise. Plus, X and stretched X frames are all of this kind.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Airframe {
+    /// Mass, kg.
+    pub mass_kg: f32,
+    /// Principal moments of inertia about body x, y, z, kg m².
+    pub inertia_kg_m2: [f32; 3],
+    /// Rotors 1 to 4. On the plus frame: right, front, left, back.
+    pub rotors: [Rotor; 4],
+    /// Reaction torque per thrust, m (κ = d/b in CONTROL_LAW's erratum to eq 11).
+    pub torque_per_thrust_m: f32,
+    /// Thrust below which no rotor is commanded, N: 0, or an idle that keeps it turning.
+    pub thrust_n_min: f32,
+}
+
+/// Arm length of the paper's airframe, m (Table 1).
+const ARM_M: f32 = 0.232;
+/// Mass of the paper's airframe, kg (Table 1).
+const MASS_KG: f32 = 0.52;
+/// d / b of Table 1: 7.5e-7 / 3.13e-5, m.
+const TORQUE_PER_THRUST_M: f32 = 0.023_961_66;
+
+impl Airframe {
+    /// A plus frame with rotors `arm_m` from the centre: 1 right, 2 front, 3 left, 4 back.
+    ///
+    /// - `inertia_kg_m2`: about body x, y, z.
+    /// - `thrust_to_weight`: largest total thrust over weight.
+    pub fn plus(mass_kg: f32, inertia_kg_m2: [f32; 3], arm_m: f32, thrust_to_weight: f32) -> Self {
+        let rotor = |forward: f32, right: f32| Rotor {
+            forward_m: forward * arm_m,
+            right_m: right * arm_m,
+            thrust_n_max: thrust_to_weight * mass_kg * GRAVITY_M_S2 / 4.0,
+        };
+        Self {
+            mass_kg,
+            inertia_kg_m2,
+            rotors: [rotor(0.0, 1.0), rotor(1.0, 0.0), rotor(0.0, -1.0), rotor(-1.0, 0.0)],
+            torque_per_thrust_m: TORQUE_PER_THRUST_M,
+            thrust_n_min: 0.0,
+        }
+    }
+
+    /// The same airframe with its rotors turned by an eighth of a turn: 1 rear right, 2 front right, 3 front
+    /// left, 4 rear left.
+    #[must_use]
+    pub fn into_x(mut self) -> Self {
+        let c = core::f32::consts::FRAC_1_SQRT_2;
+        for rotor in &mut self.rotors {
+            (rotor.forward_m, rotor.right_m) =
+                (c * (rotor.forward_m - rotor.right_m), c * (rotor.forward_m + rotor.right_m));
+        }
+        self
+    }
+
+    /// The paper's airframe: Table 1 with its I = m l² about x and y, twice that about z (eq 5).
+    pub fn paper(thrust_to_weight: f32) -> Self {
+        let inertia = MASS_KG * ARM_M * ARM_M;
+        Self::plus(MASS_KG, [inertia, inertia, 2.0 * inertia], ARM_M, thrust_to_weight)
+    }
+
+    /// The machine whose mass, arms and rotors the paper took, with its measured inertia (CONTROL_LAW,
+    /// errata): the OS4.
+    pub fn os4(thrust_to_weight: f32) -> Self {
+        Self::plus(MASS_KG, [6.228e-3, 6.228e-3, 1.121e-2], ARM_M, thrust_to_weight)
+    }
+
+    /// Weight, N.
+    pub fn weight_n(&self) -> f32 {
+        self.mass_kg * GRAVITY_M_S2
+    }
+}

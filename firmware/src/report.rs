@@ -1,0 +1,128 @@
+//! Report: what one second of ticks amounts to, for the log.
+use control_core::{Axis, Input, Output};
+
+use crate::pulse::Pulse;
+
+/// One second of flight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Report {
+    /// Ticks since boot.
+    pub ticks: u32,
+    /// Of these, how many ended when the next one was already due.
+    pub late: u32,
+    /// Of these, how many refused their sample as implausible.
+    pub rejected: u32,
+    /// Core clock cycles of the dearest tick of this second.
+    pub cycles_max: u32,
+    /// Altitude setpoint less altitude at the last tick, m.
+    pub altitude_error_m: f32,
+    /// Gains `(k_p, k_i, k_d)` of the altitude axis at the last tick.
+    pub altitude_gains: [f32; 3],
+    /// What the motors would be sent if this image could arm.
+    pub pulses: [Pulse; 4],
+}
+
+/// Counts ticks and closes a [`Report`] each second.
+#[derive(Clone, Copy, Debug)]
+pub struct Tally {
+    ticks_per_report: u32,
+    left: u32,
+    report: Report,
+}
+
+impl Tally {
+    /// An empty count that closes a report every `control_hz` ticks, and no more often than every tick.
+    pub fn new(control_hz: f32) -> Self {
+        #[expect(clippy::cast_sign_loss, reason = "saturates")]
+        let ticks_per_report = ((control_hz + 0.5) as u32).max(1);
+        let report = Report {
+            ticks: 0,
+            late: 0,
+            rejected: 0,
+            cycles_max: 0,
+            altitude_error_m: 0.0,
+            altitude_gains: [0.0; 3],
+            pulses: [Pulse::STOP; 4],
+        };
+        Self {
+            ticks_per_report,
+            left: ticks_per_report,
+            report,
+        }
+    }
+
+    /// Takes in one tick: what it saw, what it gave, what it cost.
+    pub fn tick(&mut self, input: &Input, output: &Output, pulses: [Pulse; 4], cycles: u32) {
+        let report = &mut self.report;
+        report.ticks = report.ticks.saturating_add(1);
+        report.rejected = report.rejected.saturating_add(output.rejected.into());
+        report.cycles_max = report.cycles_max.max(cycles);
+        // Down is positive: what the setpoint lacks in altitude, the measurement has in z.
+        report.altitude_error_m = input.position_m.z - input.setpoint.position_m.z;
+        report.altitude_gains = output.telemetry.axes[Axis::Z as usize].gains;
+        report.pulses = pulses;
+    }
+
+    /// Notes whether that tick ended late; returns the report if the second is over.
+    pub fn close(&mut self, late: bool) -> Option<Report> {
+        self.report.late = self.report.late.saturating_add(late.into());
+        self.left = self.left.saturating_sub(1);
+        if self.left > 0 {
+            return None;
+        }
+        let report = self.report;
+        self.left = self.ticks_per_report;
+        self.report.cycles_max = 0;
+        Some(report)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use control_core::{Airframe, Config, Controller, Law};
+
+    #[test]
+    fn a_report_closes_every_second_and_forgets_only_the_dearest_tick() {
+        let airframe = Airframe::paper(2.2);
+        let config = Config::flight(Law::Lgs, airframe);
+        let controller = Controller::<f32>::try_new(&config).unwrap();
+        let mut state = controller.hover_state();
+        let mut tally = Tally::new(500.0);
+        let mut reports = std::vec::Vec::new();
+        for tick in 0..1_000 {
+            let mut input = Input::hovering();
+            input.position_m.z = -0.5;
+            if tick == 600 {
+                input.rate_rad_s.x = f32::NAN;
+            }
+            let output = controller.tick(&mut state, &input);
+            tally.tick(
+                &input,
+                output,
+                Pulse::from_thrusts(output.thrust_n, &airframe),
+                700 - tick / 2,
+            );
+            reports.extend(tally.close(tick == 10));
+        }
+        let [first, second] = reports[..] else {
+            panic!("{} reports", reports.len())
+        };
+        assert_eq!(
+            (first.ticks, first.late, first.rejected, first.cycles_max),
+            (500, 1, 0, 700)
+        );
+        assert_eq!(
+            (
+                second.ticks,
+                second.late,
+                second.rejected,
+                second.cycles_max
+            ),
+            (1_000, 1, 1, 450)
+        );
+        // Half a metre too high.
+        assert!((second.altitude_error_m + 0.5).abs() < 1e-6);
+        assert!(second.pulses.iter().all(|&pulse| pulse < Pulse::FULL));
+    }
+}

@@ -1,0 +1,202 @@
+//! One flight: plant, sensors, controller and faults in lock-step.
+use crate::controllers::ControllerName;
+use crate::fault::effectiveness;
+use crate::ground::Ground;
+use crate::plant::{Actuation, Truth};
+use crate::reference::Target;
+use crate::scenario::Scenario;
+use crate::sensors::Sensors;
+use crate::wind::Gusts;
+use control_core::{ConfigError, Controller, Input, Output, Q16, Scalar};
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use std::fmt;
+
+/// The arithmetic the controller flies in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum NumberFormat {
+    /// Single precision, as on the board.
+    #[default]
+    F32,
+    /// Double precision, the reference.
+    F64,
+    /// Fixed point Q16.16.
+    Q16,
+}
+
+/// One flight to fly.
+#[derive(Clone, Copy)]
+pub struct Flight<'a> {
+    /// What happens.
+    pub scenario: &'a Scenario,
+    /// Who flies.
+    pub controller: ControllerName,
+    /// Seed of noise and wind; the same for every controller, so that they meet the same weather.
+    pub seed: u64,
+    /// The arithmetic.
+    pub format: NumberFormat,
+}
+
+/// Everything about one tick.
+pub struct Sample<'a> {
+    /// Number of the tick, from 0.
+    pub tick: usize,
+    /// Time, s.
+    pub t_s: f64,
+    /// Where the machine is told to be.
+    pub target: &'a Target,
+    /// Where it is.
+    pub truth: &'a Truth,
+    /// What the controller sees.
+    pub input: &'a Input,
+    /// What it answers.
+    pub output: &'a Output,
+    /// Share of its thrust each rotor still makes.
+    pub effectiveness: &'a [f64; 4],
+}
+
+impl Sample<'_> {
+    /// Altitude less its setpoint, m.
+    pub fn altitude_error_m(&self) -> f64 {
+        self.truth.altitude_m() - self.target.position_m[2]
+    }
+
+    /// North and east less their setpoints, m.
+    pub fn lateral_error_m(&self) -> [f64; 2] {
+        let [north, east, _] = self.target.position_m;
+        [self.truth.position_m.x - north, self.truth.position_m.y - east]
+    }
+
+    /// Heading less its setpoint, the short way, rad.
+    pub fn yaw_error_rad(&self) -> f64 {
+        let [.., yaw_rad] = self.truth.angles_rad();
+        crate::reference::wrap_pi(yaw_rad - self.target.yaw_rad)
+    }
+}
+
+/// Why a flight ended before its time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Cause {
+    /// |φ| or |θ| beyond [`TILT_RAD_MAX`].
+    Tilt,
+    /// Farther than [`DISTANCE_M_MAX`] from the setpoint.
+    Distance,
+    /// Met the ground faster than [`IMPACT_M_S_MAX`].
+    Ground,
+    /// A state that is not a finite number.
+    NotFinite,
+}
+
+/// Tilt that is a crash, rad.
+pub const TILT_RAD_MAX: f64 = 1.4;
+/// Distance from the setpoint that is a crash, m.
+pub const DISTANCE_M_MAX: f64 = 30.0;
+/// Vertical speed at ground contact that is a crash, m/s.
+pub const IMPACT_M_S_MAX: f64 = 2.0;
+
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Tilt => write!(f, "tilted beyond {TILT_RAD_MAX} rad"),
+            Self::Distance => write!(f, "strayed more than {DISTANCE_M_MAX} m from the setpoint"),
+            Self::Ground => write!(f, "hit the ground faster than {IMPACT_M_S_MAX} m/s"),
+            Self::NotFinite => f.write_str("reached a state that is not a finite number"),
+        }
+    }
+}
+
+/// A crash.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crash {
+    /// When, s.
+    pub t_s: f64,
+    /// Why.
+    pub cause: Cause,
+}
+
+/// Streams of random numbers that never mix: more draws of one leave the others as they were.
+#[derive(Clone, Copy)]
+enum Stream {
+    Noise = 1,
+    Wind = 2,
+}
+
+fn random(seed: u64, stream: Stream) -> Pcg64 {
+    let mut bytes = [0; 32];
+    bytes[..8].copy_from_slice(&seed.to_le_bytes());
+    bytes[8] = stream as u8;
+    // `from_seed` takes the bytes as they are; one round of splitting spreads neighbouring seeds.
+    Pcg64::from_rng(&mut Pcg64::from_seed(bytes))
+}
+
+impl Flight<'_> {
+    /// Flies; `observe` sees every tick. Returns the crash, if there was one; the flight ends with it.
+    ///
+    /// # Errors
+    /// [`ConfigError`] if the controller refuses its configuration.
+    pub fn fly(&self, observe: &mut dyn FnMut(&Sample)) -> Result<Option<Crash>, ConfigError> {
+        match self.format {
+            NumberFormat::F32 => self.fly_in::<f32>(observe),
+            NumberFormat::F64 => self.fly_in::<f64>(observe),
+            NumberFormat::Q16 => self.fly_in::<Q16>(observe),
+        }
+    }
+
+    fn fly_in<S: Scalar>(&self, observe: &mut dyn FnMut(&Sample)) -> Result<Option<Crash>, ConfigError> {
+        let scenario = self.scenario;
+        let vehicle = scenario.vehicle();
+        let controller = Controller::<S>::try_new(&self.controller.config(scenario))?;
+        let mut state = controller.hover_state();
+        let ground = Ground { altitude_m: scenario.ground_altitude_m };
+        let mut plant = scenario.plant.hovering(&vehicle, ground, scenario.reference.start_altitude_m());
+        let mut sensors = Sensors::new(scenario.noise, random(self.seed, Stream::Noise));
+        let mut gusts = Gusts::new(scenario.wind, random(self.seed, Stream::Wind));
+
+        let dt_s = 1.0 / scenario.control_hz();
+        let hover_n = f64::from(vehicle.airframe().weight_n()) / 4.0;
+        let mut actuation = Actuation { command_n: [hover_n; 4], effectiveness: [1.0; 4], gust: gusts.step(dt_s) };
+        let ticks = (scenario.duration_s * scenario.control_hz()).round() as usize;
+        for tick in 0..ticks {
+            let t_s = tick as f64 * dt_s;
+            let target = scenario.reference.target(t_s);
+            actuation.effectiveness = effectiveness(&scenario.fault, t_s);
+            let truth = plant.truth(&actuation);
+            let input = sensors.sample(&truth, &target, dt_s);
+            let output = controller.tick(&mut state, &input.cast()).to_f32();
+            observe(&Sample {
+                tick,
+                t_s,
+                target: &target,
+                truth: &truth,
+                input: &input,
+                output: &output,
+                effectiveness: &actuation.effectiveness,
+            });
+            if let Some(cause) = crash(&truth, &target) {
+                return Ok(Some(Crash { t_s, cause }));
+            }
+            actuation.command_n = output.thrust_n.map(f64::from);
+            plant.advance(&actuation, dt_s, scenario.plant_steps);
+            actuation.gust = gusts.step(dt_s);
+        }
+        Ok(None)
+    }
+}
+
+/// Whether this is the end of a flight.
+fn crash(truth: &Truth, target: &Target) -> Option<Cause> {
+    let [north, east, up] = target.position_m;
+    let away = truth.position_m - nalgebra::vector![north, east, -up];
+    let [roll, pitch, _] = truth.angles_rad();
+    if !(away.norm() + truth.velocity_m_s.norm() + truth.rate_rad_s.norm()).is_finite() {
+        Some(Cause::NotFinite)
+    } else if truth.impact_m_s > IMPACT_M_S_MAX {
+        Some(Cause::Ground)
+    } else if roll.abs().max(pitch.abs()) > TILT_RAD_MAX {
+        Some(Cause::Tilt)
+    } else if away.norm() > DISTANCE_M_MAX {
+        Some(Cause::Distance)
+    } else {
+        None
+    }
+}

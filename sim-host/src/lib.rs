@@ -1,0 +1,20 @@
+//! Software in the loop: plants, sensors, faults, scenarios and comparisons around the flight core.
+//!
+//! This crate stands in for the airframe and the weather. It holds no control logic: every flight calls
+//! [`control_core::Controller::tick`], as the board does. Here alone random numbers are drawn.
+pub mod cli;
+pub mod controllers;
+pub mod fault;
+pub mod flight;
+pub mod ground;
+pub mod log;
+pub mod metrics;
+pub mod output;
+pub mod plant;
+pub mod plots;
+pub mod reference;
+pub mod report;
+pub mod scenario;
+pub mod sensors;
+pub mod vehicle;
+pub mod wind;

@@ -1,0 +1,178 @@
+//! The log of a flight: a table of named columns, one row for each logged tick, SI units.
+//!
+//! CSV opens in PlotJuggler, pandas and any spreadsheet; numbers are the shortest decimals that give the f64 back,
+//! so equal flights have equal bytes.
+use crate::flight::Sample;
+use control_core::{Input, Telemetry};
+use std::io::Write;
+
+type Column = (&'static str, fn(&Sample) -> f64);
+
+/// An axis of the telemetry, its gains, s, V and the number of gains on a bound.
+macro_rules! axis_columns {
+    ($i:literal: $kp:literal, $ki:literal, $kd:literal, $s:literal, $v:literal, $bound:literal) => {
+        [
+            ($kp, |x: &Sample| telemetry(x).axes[$i].gains[0].into()),
+            ($ki, |x: &Sample| telemetry(x).axes[$i].gains[1].into()),
+            ($kd, |x: &Sample| telemetry(x).axes[$i].gains[2].into()),
+            ($s, |x: &Sample| telemetry(x).axes[$i].s.into()),
+            ($v, |x: &Sample| telemetry(x).axes[$i].v.into()),
+            ($bound, |x: &Sample| telemetry(x).axes[$i].at_bound.iter().filter(|&&hit| hit).count() as f64),
+        ] as [Column; 6]
+    };
+}
+
+fn telemetry<'a>(sample: &'a Sample<'_>) -> &'a Telemetry {
+    &sample.output.telemetry
+}
+
+const MOTION: [Column; 18] = [
+    ("t_s", |x| x.t_s),
+    ("setpoint_north_m", |x| x.target.position_m[0]),
+    ("setpoint_east_m", |x| x.target.position_m[1]),
+    ("setpoint_altitude_m", |x| x.target.position_m[2]),
+    ("setpoint_yaw_rad", |x| x.target.yaw_rad),
+    ("north_m", |x| x.truth.position_m.x),
+    ("east_m", |x| x.truth.position_m.y),
+    ("altitude_m", |x| x.truth.altitude_m()),
+    ("velocity_north_m_s", |x| x.truth.velocity_m_s.x),
+    ("velocity_east_m_s", |x| x.truth.velocity_m_s.y),
+    ("velocity_up_m_s", |x| -x.truth.velocity_m_s.z),
+    ("roll_rad", |x| x.truth.angles_rad()[0]),
+    ("pitch_rad", |x| x.truth.angles_rad()[1]),
+    ("yaw_rad", |x| x.truth.angles_rad()[2]),
+    ("rate_x_rad_s", |x| x.truth.rate_rad_s.x),
+    ("rate_y_rad_s", |x| x.truth.rate_rad_s.y),
+    ("rate_z_rad_s", |x| x.truth.rate_rad_s.z),
+    ("yaw_error_rad", |x| x.yaw_error_rad()),
+];
+
+const ROTORS: [Column; 12] = [
+    ("command_1_n", |x| x.output.thrust_n[0].into()),
+    ("command_2_n", |x| x.output.thrust_n[1].into()),
+    ("command_3_n", |x| x.output.thrust_n[2].into()),
+    ("command_4_n", |x| x.output.thrust_n[3].into()),
+    ("thrust_1_n", |x| x.truth.thrust_n[0]),
+    ("thrust_2_n", |x| x.truth.thrust_n[1]),
+    ("thrust_3_n", |x| x.truth.thrust_n[2]),
+    ("thrust_4_n", |x| x.truth.thrust_n[3]),
+    ("effectiveness_1", |x| x.effectiveness[0]),
+    ("effectiveness_2", |x| x.effectiveness[1]),
+    ("effectiveness_3", |x| x.effectiveness[2]),
+    ("effectiveness_4", |x| x.effectiveness[3]),
+];
+
+const X: [Column; 6] = axis_columns!(0: "kp_x", "ki_x", "kd_x", "s_x", "v_x", "gains_at_bound_x");
+const Y: [Column; 6] = axis_columns!(1: "kp_y", "ki_y", "kd_y", "s_y", "v_y", "gains_at_bound_y");
+const Z: [Column; 6] = axis_columns!(2: "kp_z", "ki_z", "kd_z", "s_z", "v_z", "gains_at_bound_z");
+const PSI: [Column; 6] = axis_columns!(3: "kp_psi", "ki_psi", "kd_psi", "s_psi", "v_psi", "gains_at_bound_psi");
+
+const DEMAND: [Column; 12] = [
+    ("tilt_setpoint_roll_rad", |x| telemetry(x).tilt_setpoint_rad[0].into()),
+    ("tilt_setpoint_pitch_rad", |x| telemetry(x).tilt_setpoint_rad[1].into()),
+    ("demand_thrust_n", |x| telemetry(x).demand.thrust_n.into()),
+    ("demand_roll_nm", |x| telemetry(x).demand.roll_nm.into()),
+    ("demand_pitch_nm", |x| telemetry(x).demand.pitch_nm.into()),
+    ("demand_yaw_nm", |x| telemetry(x).demand.yaw_nm.into()),
+    ("refused_thrust_n", |x| telemetry(x).refused.thrust_n.into()),
+    ("refused_roll_nm", |x| telemetry(x).refused.roll_nm.into()),
+    ("refused_pitch_nm", |x| telemetry(x).refused.pitch_nm.into()),
+    ("refused_yaw_nm", |x| telemetry(x).refused.yaw_nm.into()),
+    ("yaw_guard", |x| f64::from(telemetry(x).yaw_guard)),
+    ("sample_rejected", |x| f64::from(x.output.rejected)),
+];
+
+/// Every column, in order.
+fn columns() -> impl Iterator<Item = &'static Column> {
+    MOTION.iter().chain(&ROTORS).chain(&X).chain(&Y).chain(&Z).chain(&PSI).chain(&DEMAND)
+}
+
+/// The log of one flight.
+pub struct Log {
+    every: usize,
+    rows: Vec<Vec<f64>>,
+}
+
+impl Log {
+    /// An empty log of every `every`-th tick.
+    pub fn new(every: usize) -> Self {
+        Self { every: every.max(1), rows: Vec::new() }
+    }
+
+    /// An empty log of about `log_hz` rows a second, at most one a tick.
+    pub fn at_rate(log_hz: f64, control_hz: f64) -> Self {
+        Self::new((control_hz / log_hz).round() as usize)
+    }
+
+    /// Takes a tick, if it is to be logged.
+    pub fn note(&mut self, sample: &Sample) {
+        if sample.tick.is_multiple_of(self.every) {
+            self.rows.push(columns().map(|(_, of)| of(sample)).collect());
+        }
+    }
+
+    /// The values of a column; empty if there is none of that name.
+    pub fn column(&self, name: &str) -> Vec<f64> {
+        columns()
+            .position(|(column, _)| *column == name)
+            .map(|i| self.rows.iter().map(|row| row[i]).collect())
+            .unwrap_or_default()
+    }
+
+    /// The log as CSV, a header line first.
+    pub fn to_csv(&self) -> std::io::Result<Vec<u8>> {
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        writer.write_record(columns().map(|(name, _)| *name))?;
+        for row in &self.rows {
+            writer.write_record(row.iter().map(ToString::to_string))?;
+        }
+        writer.into_inner().map_err(|error| error.into_error())
+    }
+}
+
+/// First bytes of a tick record.
+const TICK_RECORD_MAGIC: &[u8; 8] = b"TICKREC1";
+
+/// Every input of the controller and the thrusts it answered with: what a board needs to repeat the flight to the bit.
+///
+/// Little-endian: magic, number of ticks (u32), zero (u32), then 33 inputs and 4 thrusts a tick (f32).
+#[derive(Default)]
+pub struct TickRecord {
+    ticks: u32,
+    bytes: Vec<u8>,
+}
+
+impl TickRecord {
+    /// Takes a tick.
+    pub fn note(&mut self, sample: &Sample) {
+        self.ticks += 1;
+        let Input { dt_s, position_m, velocity_m_s, attitude, rate_rad_s, specific_force_m_s2, setpoint } =
+            sample.input;
+        let [p, v, sp, sv, sa] =
+            [position_m, velocity_m_s, &setpoint.position_m, &setpoint.velocity_m_s, &setpoint.acceleration_m_s2]
+                .map(|v| [v.x, v.y, v.z]);
+        let [rate, force] = [rate_rad_s, specific_force_m_s2].map(|v| [v.x, v.y, v.z]);
+        let numbers = std::iter::once(*dt_s)
+            .chain(p)
+            .chain(v)
+            .chain(attitude.rows.into_iter().flatten())
+            .chain(rate)
+            .chain(force)
+            .chain(sp)
+            .chain(sv)
+            .chain(sa)
+            .chain([setpoint.yaw_rad, setpoint.yaw_rate_rad_s])
+            .chain(sample.output.thrust_n);
+        for number in numbers {
+            self.bytes.extend(number.to_le_bytes());
+        }
+    }
+
+    /// Writes the record.
+    pub fn write(&self, mut out: impl Write) -> std::io::Result<()> {
+        out.write_all(TICK_RECORD_MAGIC)?;
+        out.write_all(&self.ticks.to_le_bytes())?;
+        out.write_all(&0_u32.to_le_bytes())?;
+        out.write_all(&self.bytes)
+    }
+}

@@ -1,0 +1,6 @@
+//! The `sim-host` command.
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    sim_host::cli::run()
+}

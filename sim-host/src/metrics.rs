@@ -1,0 +1,285 @@
+//! What is measured of a flight, from the true state at the control rate and the commanded thrusts.
+use crate::flight::{Crash, Flight, Sample};
+use crate::scenario::Scenario;
+use control_core::{Axis, ConfigError};
+
+/// Band around the setpoint that counts as recovered, m.
+pub const RECOVERED_M: f64 = 0.1;
+/// How much of the fault's end, and of the time before it, the learnt gain is averaged over, s.
+const GAIN_WINDOW_S: f64 = 5.0;
+/// How long before the fault a limit cycle is looked for, s.
+const CYCLE_WINDOW_S: f64 = 10.0;
+
+/// One metric: its name in JSON, what it is, and where it is.
+pub struct Metric {
+    /// Name with unit, as in JSON.
+    pub name: &'static str,
+    /// What it says, in words.
+    pub title: &'static str,
+    /// Its value in a flight; none if the flight has nothing to measure it on.
+    pub of: fn(&Metrics) -> Option<f64>,
+}
+
+/// Every metric, in the order of tables.
+pub const METRICS: [Metric; 10] = [
+    Metric {
+        name: "altitude_deviation_max_m",
+        title: "largest |altitude error| during the faults",
+        of: |m| m.altitude_deviation_max_m,
+    },
+    Metric {
+        name: "lateral_deviation_max_m",
+        title: "largest |north error| or |east error| during the faults",
+        of: |m| m.lateral_deviation_max_m,
+    },
+    Metric {
+        name: "yaw_deviation_max_rad",
+        title: "largest |heading error| during the faults",
+        of: |m| m.yaw_deviation_max_rad,
+    },
+    Metric {
+        name: "altitude_rebound_max_m",
+        title: "largest |altitude error| after the last fault has ended",
+        of: |m| m.altitude_rebound_max_m,
+    },
+    Metric {
+        name: "altitude_iae_m_s",
+        title: "integral of |altitude error| from the first onset to the end of the flight",
+        of: |m| m.altitude_iae_m_s,
+    },
+    Metric {
+        name: "altitude_recovery_s",
+        title: "from an onset to the last time outside ±0.1 m before the next; the longest, 0 if it never left",
+        of: |m| m.altitude_recovery_s,
+    },
+    Metric {
+        name: "altitude_overshoot_m",
+        title: "largest overshoot of the first altitude step",
+        of: |m| m.altitude_overshoot_m,
+    },
+    Metric {
+        name: "motor_total_variation_n_s",
+        title: "sum over rotors of |change of commanded thrust| per second of fault, N/s",
+        of: |m| m.motor_total_variation_n_s,
+    },
+    Metric {
+        name: "ki_ratio_z",
+        title: "mean k_i of altitude in the last 5 s of the first fault over that in the last 5 s before it",
+        of: |m| m.ki_ratio_z,
+    },
+    Metric {
+        name: "lateral_limit_cycle_m",
+        title: "half the peak-to-peak of the worse of north and east in the last 10 s before the first fault",
+        of: |m| m.lateral_limit_cycle_m,
+    },
+];
+
+/// Measurements of one flight; see [`METRICS`] for what each says.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Metrics {
+    altitude_deviation_max_m: Option<f64>,
+    lateral_deviation_max_m: Option<f64>,
+    yaw_deviation_max_rad: Option<f64>,
+    altitude_rebound_max_m: Option<f64>,
+    altitude_iae_m_s: Option<f64>,
+    altitude_recovery_s: Option<f64>,
+    altitude_overshoot_m: Option<f64>,
+    motor_total_variation_n_s: Option<f64>,
+    ki_ratio_z: Option<f64>,
+    lateral_limit_cycle_m: Option<f64>,
+    /// Share of ticks in which any gain sat on a bound.
+    pub at_bound_share: f64,
+}
+
+impl Metrics {
+    /// A metric by its JSON name; none for a name that is not one, or nothing to measure.
+    pub fn get(&self, name: &str) -> Option<f64> {
+        METRICS.iter().find(|metric| metric.name == name).and_then(|metric| (metric.of)(self))
+    }
+}
+
+/// A flight that was flown and measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Flown {
+    /// Its seed.
+    pub seed: u64,
+    /// How it ended, if early.
+    pub crash: Option<Crash>,
+    /// What was measured until then.
+    pub metrics: Metrics,
+}
+
+/// Flies and measures; `observe` sees every tick as well.
+pub fn fly_measured(flight: &Flight, observe: &mut dyn FnMut(&Sample)) -> Result<Flown, ConfigError> {
+    let mut meter = Meter::new(flight.scenario);
+    let crash = flight.fly(&mut |sample| {
+        meter.note(sample);
+        observe(sample);
+    })?;
+    Ok(Flown { seed: flight.seed, crash, metrics: meter.finish() })
+}
+
+/// Running mean.
+#[derive(Default)]
+struct Mean {
+    sum: f64,
+    count: f64,
+}
+
+impl Mean {
+    fn note(&mut self, x: f64) {
+        self.sum += x;
+        self.count += 1.0;
+    }
+
+    fn value(&self) -> Option<f64> {
+        (self.count > 0.0).then(|| self.sum / self.count)
+    }
+}
+
+/// Measures while a flight is flown.
+struct Meter {
+    windows_s: Vec<(f64, f64)>,
+    /// From the first altitude step to what disturbs it, and the altitudes it goes from and to.
+    step: Option<(f64, f64, f64, f64)>,
+    dt_s: f64,
+    metrics: Metrics,
+    variation_n: f64,
+    fault_s: f64,
+    last_command_n: Option<[f32; 4]>,
+    ki_before: Mean,
+    ki_learnt: Mean,
+    cycle: [Option<(f64, f64)>; 2],
+    ticks: f64,
+    ticks_at_bound: f64,
+}
+
+fn keep_max(place: &mut Option<f64>, x: f64) {
+    *place = Some(place.map_or(x, |most| most.max(x)));
+}
+
+impl Meter {
+    fn new(scenario: &Scenario) -> Self {
+        let windows_s = scenario.fault_windows_s();
+        let jumps_s = scenario.reference.jumps_s();
+        let step = jumps_s.first().map(|&at_s| {
+            let next_s = jumps_s.get(1).copied();
+            let onset_s = windows_s.iter().map(|w| w.0).find(|&from_s| from_s > at_s);
+            let end_s = [next_s, onset_s].into_iter().flatten().fold(scenario.duration_s, f64::min);
+            let altitude = |t_s| scenario.reference.target(t_s).position_m[2];
+            // Just before the jump, and at it.
+            (at_s, end_s, altitude(at_s - 1e-9), altitude(at_s))
+        });
+        let mut metrics = Metrics::default();
+        if !windows_s.is_empty() {
+            metrics.altitude_recovery_s = Some(0.0);
+            metrics.altitude_iae_m_s = Some(0.0);
+        }
+        Self {
+            windows_s,
+            step,
+            dt_s: 1.0 / scenario.control_hz(),
+            metrics,
+            variation_n: 0.0,
+            fault_s: 0.0,
+            last_command_n: None,
+            ki_before: Mean::default(),
+            ki_learnt: Mean::default(),
+            cycle: [None; 2],
+            ticks: 0.0,
+            ticks_at_bound: 0.0,
+        }
+    }
+
+    fn note(&mut self, sample: &Sample) {
+        self.note_step(sample);
+        self.note_faults(sample);
+        self.note_first_fault(sample);
+        let axes = &sample.output.telemetry.axes;
+        self.ticks += 1.0;
+        self.ticks_at_bound += f64::from(axes.iter().any(|axis| axis.at_bound.contains(&true)));
+        self.last_command_n = Some(sample.output.thrust_n);
+    }
+
+    /// Overshoot of the first step.
+    fn note_step(&mut self, sample: &Sample) {
+        let Some((at_s, end_s, from_m, to_m)) = self.step else { return };
+        if (at_s..end_s).contains(&sample.t_s) && to_m != from_m {
+            let beyond = (sample.truth.altitude_m() - to_m) * (to_m - from_m).signum();
+            keep_max(&mut self.metrics.altitude_overshoot_m, beyond.max(0.0));
+        }
+    }
+
+    /// Deviations in the fault windows and after them.
+    fn note_faults(&mut self, sample: &Sample) {
+        let Some(&(first_s, _)) = self.windows_s.first() else { return };
+        let t_s = sample.t_s;
+        if t_s < first_s {
+            return;
+        }
+        let metrics = &mut self.metrics;
+        let altitude = sample.altitude_error_m().abs();
+        *metrics.altitude_iae_m_s.get_or_insert_default() += altitude * self.dt_s;
+        let onset_s = self.windows_s.iter().map(|w| w.0).rfind(|&from_s| from_s <= t_s);
+        if let Some(onset_s) = onset_s
+            && altitude > RECOVERED_M
+        {
+            keep_max(&mut metrics.altitude_recovery_s, t_s - onset_s);
+        }
+        if self.windows_s.iter().any(|&(from_s, until_s)| (from_s..until_s).contains(&t_s)) {
+            let [north, east] = sample.lateral_error_m();
+            keep_max(&mut metrics.altitude_deviation_max_m, altitude);
+            keep_max(&mut metrics.lateral_deviation_max_m, north.abs().max(east.abs()));
+            keep_max(&mut metrics.yaw_deviation_max_rad, sample.yaw_error_rad().abs());
+            self.fault_s += self.dt_s;
+            let last = self.last_command_n.unwrap_or(sample.output.thrust_n);
+            for (now, before) in sample.output.thrust_n.iter().zip(last) {
+                self.variation_n += f64::from((now - before).abs());
+            }
+        } else if self.windows_s.last().is_some_and(|&(_, until_s)| t_s >= until_s) {
+            keep_max(&mut metrics.altitude_rebound_max_m, altitude);
+        }
+    }
+
+    /// What the gains learn from the first fault, and what the machine did before it.
+    fn note_first_fault(&mut self, sample: &Sample) {
+        let Some(&(from_s, until_s)) = self.windows_s.first() else { return };
+        let t_s = sample.t_s;
+        let [_, ki, _] = sample.output.telemetry.axes[Axis::Z as usize].gains;
+        if (from_s - GAIN_WINDOW_S..from_s).contains(&t_s) {
+            self.ki_before.note(ki.into());
+        }
+        if ((until_s - GAIN_WINDOW_S).max(from_s)..until_s).contains(&t_s) {
+            self.ki_learnt.note(ki.into());
+        }
+        if (from_s - CYCLE_WINDOW_S..from_s).contains(&t_s) {
+            for (range, x) in self.cycle.iter_mut().zip(sample.lateral_error_m()) {
+                let (low, high) = range.unwrap_or((x, x));
+                *range = Some((low.min(x), high.max(x)));
+            }
+        }
+    }
+
+    fn finish(self) -> Metrics {
+        let cycle = self.cycle.iter().flatten().map(|(low, high)| (high - low) / 2.0);
+        Metrics {
+            motor_total_variation_n_s: (self.fault_s > 0.0).then(|| self.variation_n / self.fault_s),
+            ki_ratio_z: self.ki_learnt.value().zip(self.ki_before.value()).map(|(learnt, before)| learnt / before),
+            lateral_limit_cycle_m: cycle.reduce(f64::max),
+            at_bound_share: self.ticks_at_bound / self.ticks.max(1.0),
+            ..self.metrics
+        }
+    }
+}
+
+/// Median and worst of a metric over the flights that survived; none if there is none.
+pub fn median_and_worst(flights: &[Flown], metric: &Metric) -> Option<(f64, f64)> {
+    let mut values: Vec<f64> =
+        flights.iter().filter(|flown| flown.crash.is_none()).filter_map(|flown| (metric.of)(&flown.metrics)).collect();
+    values.sort_by(f64::total_cmp);
+    let worst = *values.last()?;
+    let middle = values.len() / 2;
+    let median =
+        if values.len().is_multiple_of(2) { f64::midpoint(values[middle - 1], values[middle]) } else { values[middle] };
+    Some((median, worst))
+}

@@ -1,0 +1,154 @@
+//! A rigid body with four rotors.
+//!
+//! ```text
+//! m v̇ = m g + R (−ΣF ẑ) − D (v − w) + f_gust + f_ground
+//! I ω̇ = τ − ω × (I ω + h) − c r ẑ + τ_ground        h = Jr Σ ∓Ω_i ẑ,  Ω_i = √(F_i / b)
+//! Ḟ_i = (sat(F_cmd,i) − F_i) / T                     thrust made: (1 − loss_i) F_i
+//! ```
+//!
+//! Thrust acts along the third column of R, and body axes replace the paper's eq 9 (CONTROL_LAW, errata). Attitude is
+//! a unit quaternion, normalised after every step.
+use super::{Actuation, Plant, Truth, rk4};
+use crate::ground::Ground;
+use crate::vehicle::Vehicle;
+use control_core::GRAVITY_M_S2;
+use nalgebra::{Matrix3, Quaternion, SVector, UnitQuaternion, Vector3, Vector4};
+
+/// Position, velocity (NED), quaternion (w, x, y, z), body rates, rotor thrusts before faults.
+type State = SVector<f64, 17>;
+
+/// The rigid body and its state.
+pub struct RigidPlant {
+    vehicle: Vehicle,
+    ground: Ground,
+    state: State,
+    impact_m_s: f64,
+    touching: bool,
+}
+
+/// Acceleration (NED) and angular acceleration (body).
+struct Accelerations {
+    linear_m_s2: Vector3<f64>,
+    angular_rad_s2: Vector3<f64>,
+}
+
+impl RigidPlant {
+    /// Hovering above the origin, level, every rotor at a quarter of the weight.
+    pub fn hovering(vehicle: &Vehicle, ground: Ground, altitude_m: f64) -> Self {
+        let mut state = State::zeros();
+        state[2] = -altitude_m;
+        state[6] = 1.0;
+        let quarter = vehicle.mass_kg * f64::from(GRAVITY_M_S2) / 4.0;
+        state.fixed_rows_mut::<4>(13).fill(quarter);
+        Self { vehicle: vehicle.clone(), ground, state, impact_m_s: 0.0, touching: false }
+    }
+
+    fn attitude(state: &State) -> Matrix3<f64> {
+        let q = Quaternion::new(state[6], state[7], state[8], state[9]);
+        UnitQuaternion::from_quaternion(q).to_rotation_matrix().into_inner()
+    }
+
+    /// Thrust made, after the faults.
+    fn thrust_n(state: &State, actuation: &Actuation) -> [f64; 4] {
+        std::array::from_fn(|i| state[13 + i] * actuation.effectiveness[i])
+    }
+
+    fn accelerations(&self, state: &State, actuation: &Actuation) -> Accelerations {
+        let vehicle = &self.vehicle;
+        let position: Vector3<f64> = state.fixed_rows::<3>(0).into();
+        let velocity: Vector3<f64> = state.fixed_rows::<3>(3).into();
+        let rate: Vector3<f64> = state.fixed_rows::<3>(10).into();
+        let attitude = Self::attitude(state);
+        let thrust_n = Self::thrust_n(state, actuation);
+        let total_n: f64 = thrust_n.iter().sum();
+        let contact = self.ground.contact(vehicle, &position, &velocity, &attitude, &rate);
+
+        let force_n = attitude * Vector3::new(0.0, 0.0, -total_n)
+            - (velocity - actuation.gust.velocity_m_s) * vehicle.linear_drag_n_s_m
+            + actuation.gust.force_n
+            + contact.force_n;
+        let inertia = Vector3::from(vehicle.inertia_kg_m2);
+        let spin = Vector3::new(0.0, 0.0, self.rotor_momentum(&thrust_n));
+        let torque_nm = vehicle.torque_n_m(&thrust_n)
+            - rate.cross(&(inertia.component_mul(&rate) + spin))
+            - Vector3::new(0.0, 0.0, vehicle.yaw_drag_n_m_s * rate.z)
+            + contact.torque_nm;
+        Accelerations {
+            linear_m_s2: force_n / vehicle.mass_kg + Vector3::z() * f64::from(GRAVITY_M_S2),
+            angular_rad_s2: torque_nm.component_div(&inertia),
+        }
+    }
+
+    /// Angular momentum of the rotors about body z, N m s: rotors 1 and 3 turn counter-clockwise seen from above.
+    fn rotor_momentum(&self, thrust_n: &[f64; 4]) -> f64 {
+        let vehicle = &self.vehicle;
+        let speed = |i: usize| libm::sqrt(thrust_n[i].max(0.0) / vehicle.thrust_coefficient_n_s2);
+        vehicle.rotor_inertia_kg_m2 * (speed(1) + speed(3) - speed(0) - speed(2))
+    }
+
+    fn slope(&self, state: &State, actuation: &Actuation) -> State {
+        let Accelerations { linear_m_s2, angular_rad_s2 } = self.accelerations(state, actuation);
+        let q = Quaternion::new(state[6], state[7], state[8], state[9]);
+        let rate = Quaternion::new(0.0, state[10], state[11], state[12]);
+        let turn = (q * rate) * 0.5;
+        let mut slope = State::zeros();
+        slope.fixed_rows_mut::<3>(0).copy_from(&state.fixed_rows::<3>(3));
+        slope.fixed_rows_mut::<3>(3).copy_from(&linear_m_s2);
+        slope.fixed_rows_mut::<4>(6).copy_from(&Vector4::new(turn.w, turn.i, turn.j, turn.k));
+        slope.fixed_rows_mut::<3>(10).copy_from(&angular_rad_s2);
+        if self.vehicle.motor_lag_s > 0.0 {
+            for i in 0..4 {
+                let wanted = actuation.command_n[i].clamp(0.0, self.vehicle.thrust_n_max());
+                slope[13 + i] = (wanted - state[13 + i]) / self.vehicle.motor_lag_s;
+            }
+        }
+        slope
+    }
+
+    /// Rotors without lag follow their command at once.
+    fn follow_at_once(&mut self, actuation: &Actuation) {
+        if self.vehicle.motor_lag_s == 0.0 {
+            for i in 0..4 {
+                self.state[13 + i] = actuation.command_n[i].clamp(0.0, self.vehicle.thrust_n_max());
+            }
+        }
+    }
+
+    /// Remembers the vertical speed with which the ground was met.
+    fn note_contact(&mut self) {
+        let position: Vector3<f64> = self.state.fixed_rows::<3>(0).into();
+        let touching = self.ground.touches(&self.vehicle, &position, &Self::attitude(&self.state));
+        if touching && !self.touching {
+            self.impact_m_s = self.impact_m_s.max(self.state[5]);
+        }
+        self.touching = touching;
+    }
+}
+
+impl Plant for RigidPlant {
+    fn advance(&mut self, actuation: &Actuation, period_s: f64, steps: u32) {
+        self.follow_at_once(actuation);
+        for _ in 0..steps {
+            let mut next = rk4(&self.state, period_s / f64::from(steps), |x| self.slope(x, actuation));
+            let norm = next.fixed_rows::<4>(6).norm();
+            next.fixed_rows_mut::<4>(6).scale_mut(1.0 / norm);
+            self.state = next;
+            self.note_contact();
+        }
+    }
+
+    fn truth(&self, actuation: &Actuation) -> Truth {
+        let state = &self.state;
+        let attitude = Self::attitude(state);
+        let acceleration = self.accelerations(state, actuation).linear_m_s2;
+        Truth {
+            position_m: state.fixed_rows::<3>(0).into(),
+            velocity_m_s: state.fixed_rows::<3>(3).into(),
+            attitude,
+            rate_rad_s: state.fixed_rows::<3>(10).into(),
+            specific_force_m_s2: attitude.transpose() * (acceleration - Vector3::z() * f64::from(GRAVITY_M_S2)),
+            thrust_n: Self::thrust_n(state, actuation),
+            impact_m_s: self.impact_m_s,
+        }
+    }
+}

@@ -1,0 +1,244 @@
+//! A comparison in words and numbers: terminal table, JSON and Markdown.
+use crate::controllers::{ControllerName, gains_json};
+use crate::metrics::{Flown, METRICS, median_and_worst};
+use crate::plant::PlantKind;
+use crate::reference::Reference;
+use crate::scenario::Scenario;
+use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
+use control_core::Config;
+use serde_json::{Map, Value, json};
+use std::fmt::Write;
+
+/// The flights of one controller.
+pub struct Entry {
+    /// Who flew.
+    pub controller: ControllerName,
+    /// With what.
+    pub config: Config,
+    /// One flight a seed.
+    pub flights: Vec<Flown>,
+}
+
+/// The same flights under several controllers.
+pub struct Comparison<'a> {
+    /// Name of the scenario: its file's, without folder and ending.
+    pub name: String,
+    /// What was flown.
+    pub scenario: &'a Scenario,
+    /// First seed.
+    pub seed: u64,
+    /// Number of seeds.
+    pub seeds: u64,
+    /// One entry a controller.
+    pub entries: Vec<Entry>,
+}
+
+/// Half a peak-to-peak that is called a limit cycle, m: far above what the sensors' noise makes.
+const LIMIT_CYCLE_M: f64 = 0.03;
+
+impl Entry {
+    /// Number of flights that did not crash.
+    pub fn survived(&self) -> usize {
+        self.flights.iter().filter(|flown| flown.crash.is_none()).count()
+    }
+
+    fn metric(&self, name: &str) -> Option<(f64, f64)> {
+        let metric = METRICS.iter().find(|metric| metric.name == name)?;
+        median_and_worst(&self.flights, metric)
+    }
+
+    fn json(&self) -> Value {
+        let mut entry = Map::new();
+        entry.insert("gains".to_owned(), gains_json(&self.config));
+        entry.insert("flights".to_owned(), json!(self.flights.len()));
+        entry.insert("survived".to_owned(), json!(self.survived()));
+        for metric in &METRICS {
+            let (median, worst) = median_and_worst(&self.flights, metric).unzip();
+            entry.insert(metric.name.to_owned(), json!({"median": median, "worst": worst}));
+        }
+        let crashes: Vec<Value> = self
+            .flights
+            .iter()
+            .filter_map(|flown| {
+                let crash = flown.crash?;
+                Some(json!({"seed": flown.seed, "t_s": crash.t_s, "cause": crash.cause.to_string()}))
+            })
+            .collect();
+        entry.insert("crashes".to_owned(), Value::Array(crashes));
+        Value::Object(entry)
+    }
+}
+
+/// What every flight of the comparison had in common.
+fn conditions(scenario: &Scenario) -> Value {
+    let vehicle = scenario.vehicle();
+    let rigid = scenario.plant == PlantKind::Rigid;
+    json!({
+        "plant": scenario.plant,
+        "airframe": scenario.airframe,
+        "frame": scenario.vehicle.frame,
+        // The plant `paper` has rotors without limit and without lag.
+        "thrust_to_weight": rigid.then_some(vehicle.thrust_to_weight),
+        "motor_lag_s": rigid.then_some(vehicle.motor_lag_s),
+        "mass_kg": vehicle.mass_kg,
+        "inertia_kg_m2": vehicle.inertia_kg_m2,
+        "control_hz": scenario.control_hz(),
+        "duration_s": scenario.duration_s,
+        "reference": scenario.reference,
+        "noise": scenario.noise,
+        "wind": scenario.wind,
+        "faults": scenario.fault,
+    })
+}
+
+/// Three significant digits, without an exponent.
+fn short(x: f64) -> String {
+    let digits = if x == 0.0 { 0.0 } else { x.abs().log10().floor() };
+    let decimals = (2.0 - digits).clamp(0.0, 6.0) as usize;
+    format!("{x:.decimals$}")
+}
+
+impl Comparison<'_> {
+    /// The whole comparison, for machines.
+    pub fn json(&self) -> Value {
+        let controllers: Map<String, Value> =
+            self.entries.iter().map(|entry| (entry.controller.to_string(), entry.json())).collect();
+        json!({
+            "scenario": self.name,
+            "seeds": self.seeds,
+            "seed": self.seed,
+            "conditions": conditions(self.scenario),
+            "controllers": controllers,
+        })
+    }
+
+    /// Rows of the table: a name, then one cell a controller, `median (worst)` over the flights that survived.
+    fn rows(&self) -> Vec<Vec<String>> {
+        let mut rows = vec![
+            std::iter::once("survived".to_owned())
+                .chain(self.entries.iter().map(|e| format!("{} of {}", e.survived(), e.flights.len())))
+                .collect::<Vec<_>>(),
+        ];
+        for metric in &METRICS {
+            let cells = self.entries.iter().map(|entry| match median_and_worst(&entry.flights, metric) {
+                Some((median, worst)) if short(median) != short(worst) => {
+                    format!("{} ({})", short(median), short(worst))
+                }
+                Some((median, _)) => short(median),
+                None => "–".to_owned(),
+            });
+            rows.push(std::iter::once(metric.name.to_owned()).chain(cells).collect());
+        }
+        rows
+    }
+
+    fn header(&self) -> Vec<String> {
+        let first = if self.seeds > 1 { "median (worst)" } else { "" };
+        std::iter::once(first.to_owned()).chain(self.entries.iter().map(|entry| entry.controller.to_string())).collect()
+    }
+
+    /// The table for the terminal, with what stands out below it.
+    pub fn table(&self) -> String {
+        let mut table = Table::new();
+        table
+            .load_style(presets::UTF8_BORDERS_ONLY)
+            .set_content_arrangement(ContentArrangement::Disabled)
+            .set_header(self.header())
+            .add_rows(self.rows());
+        for column in table.column_iter_mut().skip(1) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+        let mut text = format!("{}\n{table}\n", self.scenario.title);
+        for finding in self.findings() {
+            let _ = writeln!(text, "• {finding}");
+        }
+        text
+    }
+
+    /// What a reader should not miss, each with its number.
+    pub fn findings(&self) -> Vec<String> {
+        let mut findings = Vec::new();
+        for entry in &self.entries {
+            let name = entry.controller;
+            let crashed = entry.flights.iter().filter_map(|flown| flown.crash);
+            if let Some(first) = crashed.min_by(|a, b| a.t_s.total_cmp(&b.t_s)) {
+                let (lost, flights) = (entry.flights.len() - entry.survived(), entry.flights.len());
+                findings.push(format!(
+                    "{name} crashed in {lost} of {flights} flights: it {}, first at {} s.",
+                    first.cause,
+                    short(first.t_s)
+                ));
+            }
+            if self.is_calm()
+                && let Some((median, _)) = entry.metric("lateral_limit_cycle_m")
+                && median >= LIMIT_CYCLE_M
+            {
+                findings.push(format!(
+                    "{name} limit-cycles: ±{} m sideways before any fault, commanded thrust varies by {} N/s.",
+                    short(median),
+                    short(entry.metric("motor_total_variation_n_s").map_or(f64::NAN, |m| m.0))
+                ));
+            }
+        }
+        findings.extend(self.against_pid());
+        if self.scenario.plant == PlantKind::Paper {
+            findings.push(
+                "pid and raw fly the paper's cascade from the same starting gains; lgs flies its own, with the \
+                 weight on the integral and thrust limits it never needs here."
+                    .to_owned(),
+            );
+        }
+        findings
+    }
+
+    /// Whether nothing but the controller itself moves the machine before the fault.
+    fn is_calm(&self) -> bool {
+        self.scenario.wind.gust_rms_n == 0.0 && !matches!(self.scenario.reference, Reference::Helix(_))
+    }
+
+    /// How much of fixed gains' altitude deviation is left.
+    fn against_pid(&self) -> Vec<String> {
+        let deviation = |entry: &Entry| entry.metric("altitude_deviation_max_m").map(|m| m.0);
+        let pid = self.entries.iter().find(|entry| entry.controller == ControllerName::Pid);
+        let Some(fixed) = pid.and_then(deviation) else { return Vec::new() };
+        self.entries
+            .iter()
+            .filter(|entry| entry.controller != ControllerName::Pid)
+            .filter_map(|entry| {
+                let adaptive = deviation(entry)?;
+                let name = entry.controller;
+                let ratio = if adaptive < fixed {
+                    format!("{} times less", short(fixed / adaptive))
+                } else {
+                    format!("{} times more", short(adaptive / fixed))
+                };
+                let (adaptive, fixed) = (short(adaptive), short(fixed));
+                Some(format!("{name} is off in altitude by {adaptive} m in the fault, pid by {fixed} m: {ratio}."))
+            })
+            .collect()
+    }
+
+    /// The report as Markdown, with the figure beside it.
+    pub fn markdown(&self, command: &str) -> String {
+        let mut text = format!("# {}\n\n{}\n\nMade by `{command}`.\n\n", self.name, self.scenario.title);
+        let row = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+        let header = self.header();
+        text += &row(&header);
+        text += &row(&vec!["---".to_owned(); header.len()]);
+        for cells in self.rows() {
+            text += &row(&cells);
+        }
+        text += "\n## What stands out\n\n";
+        for finding in self.findings() {
+            let _ = writeln!(text, "- {finding}");
+        }
+        let _ = write!(text, "\n![The flight with seed {} under each controller](comparison.svg)\n", self.seed);
+        text += "\n## What the metrics say\n\n";
+        for metric in &METRICS {
+            let _ = writeln!(text, "- `{}`: {}", metric.name, metric.title);
+        }
+        text += "\nMedian and worst are over the flights that did not crash. The true state is measured, at the control rate.\n";
+        text += "\nConditions, gains and every number: `results.json`.\n";
+        text
+    }
+}

@@ -1,0 +1,77 @@
+//! What the controller is shown of the truth: white noise on every channel.
+use crate::plant::Truth;
+use crate::reference::Target;
+use control_core::Input;
+use control_core::frames::{Attitude, Vec3};
+use nalgebra::{Matrix3, Vector3};
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// `[noise]`: standard deviation of the white noise on each channel, one draw a tick.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Noise {
+    /// Position, each axis, m.
+    pub position_m: f64,
+    /// Velocity, each axis, m/s.
+    pub velocity_m_s: f64,
+    /// Attitude, about each body axis, rad.
+    pub attitude_rad: f64,
+    /// Body rates, each axis, rad/s.
+    pub rate_rad_s: f64,
+    /// Specific force, each axis, m/s².
+    pub acceleration_m_s2: f64,
+}
+
+/// The sensors of one flight.
+pub struct Sensors {
+    noise: Noise,
+    random: Pcg64,
+}
+
+impl Sensors {
+    /// Sensors with their own random numbers.
+    pub fn new(noise: Noise, random: Pcg64) -> Self {
+        Self { noise, random }
+    }
+
+    /// One draw on three axes. Always drawn, so that a channel's noise does not depend on another's.
+    fn draw(&mut self, deviation: f64) -> Vector3<f64> {
+        let random = &mut self.random;
+        Vector3::from_fn(|_, _| {
+            let unit: f64 = StandardNormal.sample(random);
+            deviation * unit
+        })
+    }
+
+    /// What the controller sees of `truth` when told to be at `target`, `dt_s` after the last sample.
+    pub fn sample(&mut self, truth: &Truth, target: &Target, dt_s: f64) -> Input {
+        let noise = self.noise;
+        let position = truth.position_m + self.draw(noise.position_m);
+        let velocity = truth.velocity_m_s + self.draw(noise.velocity_m_s);
+        let attitude = truth.attitude * small_rotation(self.draw(noise.attitude_rad));
+        let rate = truth.rate_rad_s + self.draw(noise.rate_rad_s);
+        let specific_force = truth.specific_force_m_s2 + self.draw(noise.acceleration_m_s2);
+        Input {
+            dt_s: dt_s as f32,
+            position_m: narrow(&position),
+            velocity_m_s: narrow(&velocity),
+            attitude: Attitude { rows: std::array::from_fn(|i| std::array::from_fn(|j| attitude[(i, j)] as f32)) },
+            rate_rad_s: narrow(&rate),
+            specific_force_m_s2: narrow(&specific_force),
+            setpoint: target.setpoint(),
+        }
+    }
+}
+
+fn narrow<F>(v: &Vector3<f64>) -> Vec3<F> {
+    Vec3::new(v.x as f32, v.y as f32, v.z as f32)
+}
+
+/// Rotation by a small vector: exact for its quaternion, orthogonal to rounding.
+fn small_rotation(vector_rad: Vector3<f64>) -> Matrix3<f64> {
+    let q = nalgebra::Quaternion::from_parts(1.0, vector_rad * 0.5);
+    nalgebra::UnitQuaternion::from_quaternion(q).to_rotation_matrix().into_inner()
+}
