@@ -1,16 +1,13 @@
 //! Links for QEMU's mps2-an386.
-use std::path::{Path, PathBuf};
-use std::{env, fs};
+use std::env;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    println!("cargo:rerun-if-changed=memory.x");
+fn main() -> Result<(), env::VarError> {
+    const SCRIPT: &str = "mps2-an386.x";
+    println!("cargo:rerun-if-changed={SCRIPT}");
     if env::var("CARGO_CFG_TARGET_OS")? == "none" {
-        let out = PathBuf::from(env::var("OUT_DIR")?);
-        fs::write(out.join("memory.x"), fs::read(Path::new("memory.x"))?)?;
-        println!("cargo:rustc-link-search={}", out.display());
-        for argument in ["--nmagic", "-Tlink.x"] {
-            println!("cargo:rustc-link-arg-bins={argument}");
-        }
+        let folder = env::var("CARGO_MANIFEST_DIR")?;
+        println!("cargo:rustc-link-arg-bins=--nmagic");
+        println!("cargo:rustc-link-arg-bins=-T{folder}/{SCRIPT}");
     }
     Ok(())
 }

@@ -36,7 +36,7 @@ pub struct Vec3<F, S = f32> {
     frame: PhantomData<F>,
 }
 
-impl<F, S: Scalar> Vec3<F, S> {
+impl<F: Copy, S: Scalar> Vec3<F, S> {
     /// The vector with these components.
     pub const fn new(x: S, y: S, z: S) -> Self {
         Self { x, y, z, frame: PhantomData }
@@ -67,7 +67,7 @@ impl<F, S: Scalar> Vec3<F, S> {
     }
 }
 
-impl<F, S: Scalar> Add for Vec3<F, S> {
+impl<F: Copy, S: Scalar> Add for Vec3<F, S> {
     type Output = Self;
 
     fn add(self, other: Self) -> Self {
@@ -75,7 +75,7 @@ impl<F, S: Scalar> Add for Vec3<F, S> {
     }
 }
 
-impl<F, S: Scalar> Sub for Vec3<F, S> {
+impl<F: Copy, S: Scalar> Sub for Vec3<F, S> {
     type Output = Self;
 
     fn sub(self, other: Self) -> Self {
@@ -83,7 +83,7 @@ impl<F, S: Scalar> Sub for Vec3<F, S> {
     }
 }
 
-impl<F, S: Scalar> Mul<S> for Vec3<F, S> {
+impl<F: Copy, S: Scalar> Mul<S> for Vec3<F, S> {
     type Output = Self;
 
     fn mul(self, factor: S) -> Self {
@@ -91,7 +91,7 @@ impl<F, S: Scalar> Mul<S> for Vec3<F, S> {
     }
 }
 
-impl<F, S: Scalar> Neg for Vec3<F, S> {
+impl<F: Copy, S: Scalar> Neg for Vec3<F, S> {
     type Output = Self;
 
     fn neg(self) -> Self {

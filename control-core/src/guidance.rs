@@ -15,10 +15,10 @@ use crate::frames::Attitude;
 use crate::math::{asin, atan2};
 use crate::{GRAVITY_M_S2, Scalar};
 
-/// Largest tilt setpoint in flight, rad.
-const TILT_RAD_MAX: f32 = 0.5;
-/// Largest tilt setpoint of the paper's set-up, rad.
-const PAPER_TILT_RAD_MAX: f32 = 1.2;
+/// Sine of the largest tilt setpoint in flight, 0.5 rad.
+const SIN_TILT_MAX: f32 = 0.479_425_54;
+/// Sine of the largest tilt setpoint of the paper's set-up, 1.2 rad.
+const PAPER_SIN_TILT_MAX: f32 = 0.932_039_1;
 /// Smallest share of the thrust taken to point up.
 const UPRIGHT_MIN: f32 = 0.5;
 /// Smallest thrust over weight by which the paper's set-up divides.
@@ -85,16 +85,16 @@ pub(crate) struct Guidance<S> {
 
 impl<S: Scalar> Guidance<S> {
     pub(crate) fn new(cascade: Cascade, yaw_turns_thrust: bool, mass_kg: f32) -> Self {
-        let tilt_rad_max = match cascade {
-            Cascade::Flight => TILT_RAD_MAX,
-            Cascade::Paper => PAPER_TILT_RAD_MAX,
+        let sin_tilt_max = match cascade {
+            Cascade::Flight => SIN_TILT_MAX,
+            Cascade::Paper => PAPER_SIN_TILT_MAX,
         };
         Self {
             cascade,
             yaw_turns_thrust,
             mass_kg: S::from_f32(mass_kg),
             weight_n: S::from_f32(mass_kg * GRAVITY_M_S2),
-            sin_tilt_max: S::from_f32(libm::sinf(tilt_rad_max)),
+            sin_tilt_max: S::from_f32(sin_tilt_max),
         }
     }
 

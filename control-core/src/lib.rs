@@ -36,17 +36,19 @@ mod guidance;
 pub mod law;
 pub mod math;
 mod scalar;
+mod signals;
 mod yaw_guard;
 
 pub use airframe::{Airframe, Rotor};
 pub use allocation::{Allocation, Allocator, Demand};
 pub use attitude::AttitudeGains;
 pub use config::{AxisConfig, Cascade, Config, ConfigError, Gains};
-pub use controller::{Axis, Controller, Input, Output, Setpoint, State, Telemetry};
+pub use controller::{Controller, State};
 pub use law::{AxisOutput, Law};
 #[cfg(feature = "fixed")]
 pub use scalar::fixed::Q16;
 pub use scalar::{Mask, Scalar};
+pub use signals::{Axis, Input, Output, Setpoint, Telemetry};
 
 /// Gravitational acceleration, m/s² (the paper's Table 1).
 pub const GRAVITY_M_S2: f32 = 9.81;

@@ -43,11 +43,7 @@ fn defmt_panic() -> ! {
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     if stop() {
-        defmt::error!(
-            "hard fault at {=u32:#010x}, called from {=u32:#010x}",
-            frame.pc(),
-            frame.lr()
-        );
+        defmt::error!("hard fault at {=u32:#010x}, called from {=u32:#010x}", frame.pc(), frame.lr());
     }
     halt()
 }

@@ -17,16 +17,9 @@ impl Pace {
     ///
     /// - `rate_hz`: above zero; the period is rounded to a microsecond and is at least one.
     pub fn new(rate_hz: f32, now_us: u64) -> Self {
-        #[expect(
-            clippy::cast_sign_loss,
-            reason = "saturates: no rate makes the loop spin without a pause"
-        )]
+        // The cast saturates: no rate, however wrong, makes the loop spin without a pause.
         let period_us = ((1e6 / rate_hz + 0.5) as u64).max(1);
-        Self {
-            period_us,
-            due_us: now_us.saturating_add(period_us),
-            started_us: now_us,
-        }
+        Self { period_us, due_us: now_us.saturating_add(period_us), started_us: now_us }
     }
 
     /// When the next tick is due, µs.
@@ -45,11 +38,7 @@ impl Pace {
     pub fn finish(&mut self, now_us: u64) -> bool {
         let next_us = self.due_us.saturating_add(self.period_us);
         let late = now_us >= next_us;
-        self.due_us = if late {
-            now_us.saturating_add(self.period_us)
-        } else {
-            next_us
-        };
+        self.due_us = if late { now_us.saturating_add(self.period_us) } else { next_us };
         late
     }
 }

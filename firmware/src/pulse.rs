@@ -28,12 +28,7 @@ impl Pulse {
     pub fn from_thrusts(thrust_n: [f32; 4], airframe: &Airframe) -> [Self; 4] {
         let [a, b, c, d] = thrust_n;
         let [ra, rb, rc, rd] = airframe.rotors.map(|rotor| rotor.thrust_n_max);
-        [
-            Self::from_thrust(a, ra),
-            Self::from_thrust(b, rb),
-            Self::from_thrust(c, rc),
-            Self::from_thrust(d, rd),
-        ]
+        [Self::from_thrust(a, ra), Self::from_thrust(b, rb), Self::from_thrust(c, rc), Self::from_thrust(d, rd)]
     }
 
     fn from_thrust(thrust_n: f32, thrust_n_max: f32) -> Self {
@@ -43,7 +38,6 @@ impl Pulse {
         }
         let speed = Scalar::sqrt(share.clamp(0.0, 1.0));
         let span_us = f32::from(Self::FULL.0 - Self::STOP.0);
-        #[expect(clippy::cast_sign_loss, reason = "speed is in 0..=1")]
         let above_stop_us = (span_us * speed + 0.5) as u16;
         Self(Self::STOP.0 + above_stop_us)
     }
@@ -55,18 +49,8 @@ mod tests {
 
     #[test]
     fn pulse_follows_the_square_root_of_thrust() {
-        for (share, want_us) in [
-            (0.0, 1_000),
-            (0.01, 1_100),
-            (0.25, 1_500),
-            (0.454_545_45, 1_674),
-            (1.0, 2_000),
-        ] {
-            assert_eq!(
-                Pulse::from_thrust(share * 2.8, 2.8).us(),
-                want_us,
-                "{share}"
-            );
+        for (share, want_us) in [(0.0, 1_000), (0.01, 1_100), (0.25, 1_500), (0.454_545_45, 1_674), (1.0, 2_000)] {
+            assert_eq!(Pulse::from_thrust(share * 2.8, 2.8).us(), want_us, "{share}");
         }
     }
 
@@ -79,11 +63,7 @@ mod tests {
             assert_eq!(Pulse::from_thrust(thrust_n, 2.8), Pulse::FULL, "{thrust_n}");
         }
         for thrust_n_max in [0.0, f32::NAN, f32::INFINITY] {
-            assert_eq!(
-                Pulse::from_thrust(0.0, thrust_n_max),
-                Pulse::STOP,
-                "{thrust_n_max}"
-            );
+            assert_eq!(Pulse::from_thrust(0.0, thrust_n_max), Pulse::STOP, "{thrust_n_max}");
         }
     }
 

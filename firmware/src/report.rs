@@ -14,8 +14,8 @@ pub struct Report {
     pub rejected: u32,
     /// Core clock cycles of the dearest tick of this second.
     pub cycles_max: u32,
-    /// Altitude setpoint less altitude at the last tick, m.
-    pub altitude_error_m: f32,
+    /// Largest magnitude of the altitude error in this second, m.
+    pub altitude_error_m_max: f32,
     /// Gains `(k_p, k_i, k_d)` of the altitude axis at the last tick.
     pub altitude_gains: [f32; 3],
     /// What the motors would be sent if this image could arm.
@@ -33,22 +33,17 @@ pub struct Tally {
 impl Tally {
     /// An empty count that closes a report every `control_hz` ticks, and no more often than every tick.
     pub fn new(control_hz: f32) -> Self {
-        #[expect(clippy::cast_sign_loss, reason = "saturates")]
         let ticks_per_report = ((control_hz + 0.5) as u32).max(1);
         let report = Report {
             ticks: 0,
             late: 0,
             rejected: 0,
             cycles_max: 0,
-            altitude_error_m: 0.0,
+            altitude_error_m_max: 0.0,
             altitude_gains: [0.0; 3],
             pulses: [Pulse::STOP; 4],
         };
-        Self {
-            ticks_per_report,
-            left: ticks_per_report,
-            report,
-        }
+        Self { ticks_per_report, left: ticks_per_report, report }
     }
 
     /// Takes in one tick: what it saw, what it gave, what it cost.
@@ -57,8 +52,8 @@ impl Tally {
         report.ticks = report.ticks.saturating_add(1);
         report.rejected = report.rejected.saturating_add(output.rejected.into());
         report.cycles_max = report.cycles_max.max(cycles);
-        // Down is positive: what the setpoint lacks in altitude, the measurement has in z.
-        report.altitude_error_m = input.position_m.z - input.setpoint.position_m.z;
+        let altitude_error_m = (input.setpoint.position_m.z - input.position_m.z).abs();
+        report.altitude_error_m_max = report.altitude_error_m_max.max(altitude_error_m);
         report.altitude_gains = output.telemetry.axes[Axis::Z as usize].gains;
         report.pulses = pulses;
     }
@@ -73,6 +68,7 @@ impl Tally {
         let report = self.report;
         self.left = self.ticks_per_report;
         self.report.cycles_max = 0;
+        self.report.altitude_error_m_max = 0.0;
         Some(report)
     }
 }
@@ -81,48 +77,32 @@ impl Tally {
 mod tests {
     use super::*;
     use control_core::{Airframe, Config, Controller, Law};
+    use std::vec::Vec;
 
     #[test]
-    fn a_report_closes_every_second_and_forgets_only_the_dearest_tick() {
+    fn a_report_closes_every_second_and_starts_its_maxima_anew() {
         let airframe = Airframe::paper(2.2);
-        let config = Config::flight(Law::Lgs, airframe);
-        let controller = Controller::<f32>::try_new(&config).unwrap();
+        let controller = Controller::<f32>::try_new(&Config::flight(Law::Lgs, airframe)).unwrap();
         let mut state = controller.hover_state();
         let mut tally = Tally::new(500.0);
-        let mut reports = std::vec::Vec::new();
-        for tick in 0..1_000 {
+        let mut reports = Vec::new();
+        for tick in 0..1_000_u16 {
             let mut input = Input::hovering();
-            input.position_m.z = -0.5;
+            // Sinks back from half a metre too high.
+            input.position_m.z = (f32::from(tick) - 1_000.0) / 2_000.0;
             if tick == 600 {
                 input.rate_rad_s.x = f32::NAN;
             }
             let output = controller.tick(&mut state, &input);
-            tally.tick(
-                &input,
-                output,
-                Pulse::from_thrusts(output.thrust_n, &airframe),
-                700 - tick / 2,
-            );
+            let pulses = Pulse::from_thrusts(output.thrust_n, &airframe);
+            tally.tick(&input, output, pulses, u32::from(700 - tick / 2));
             reports.extend(tally.close(tick == 10));
         }
-        let [first, second] = reports[..] else {
-            panic!("{} reports", reports.len())
-        };
-        assert_eq!(
-            (first.ticks, first.late, first.rejected, first.cycles_max),
-            (500, 1, 0, 700)
-        );
-        assert_eq!(
-            (
-                second.ticks,
-                second.late,
-                second.rejected,
-                second.cycles_max
-            ),
-            (1_000, 1, 1, 450)
-        );
-        // Half a metre too high.
-        assert!((second.altitude_error_m + 0.5).abs() < 1e-6);
-        assert!(second.pulses.iter().all(|&pulse| pulse < Pulse::FULL));
+        let counts = |r: &Report| [r.ticks, r.late, r.rejected, r.cycles_max];
+        let [first, second] = &reports[..] else { panic!("{} reports", reports.len()) };
+        assert_eq!(counts(first), [500, 1, 0, 700]);
+        assert_eq!(counts(second), [1_000, 1, 1, 450]);
+        assert!((first.altitude_error_m_max - 0.5).abs() < 1e-6);
+        assert!((second.altitude_error_m_max - 0.25).abs() < 1e-6);
     }
 }

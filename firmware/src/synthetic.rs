@@ -42,10 +42,7 @@ const YAW: Sway = Sway::new(0.04, 3);
 
 impl Sway {
     const fn new(amplitude: f32, harmonic: u8) -> Self {
-        Self {
-            amplitude,
-            harmonic,
-        }
+        Self { amplitude, harmonic }
     }
 
     /// Value and first three time derivatives, `time_s` into the period.
@@ -53,12 +50,7 @@ impl Sway {
         let omega = TAU * f32::from(self.harmonic) * 1e6 / PERIOD_US as f32;
         let (s, c) = (sin(omega * time_s), cos(omega * time_s));
         let first = self.amplitude * omega;
-        [
-            self.amplitude * s,
-            first * c,
-            -first * omega * s,
-            -first * omega * omega * c,
-        ]
+        [self.amplitude * s, first * c, -first * omega * s, -first * omega * omega * c]
     }
 }
 
@@ -99,19 +91,12 @@ impl Pose {
         let down = specific_force * (-1.0 / thrust_m_s2);
         let across = down.cross(heading(yaw_rad));
         let right = across * (1.0 / norm(across));
-        Self {
-            forward: right.cross(down),
-            right,
-            down,
-            thrust_m_s2,
-        }
+        Self { forward: right.cross(down), right, down, thrust_m_s2 }
     }
 
     fn attitude(&self) -> Attitude {
         let (f, r, d) = (self.forward, self.right, self.down);
-        Attitude {
-            rows: [[f.x, r.x, d.x], [f.y, r.y, d.y], [f.z, r.z, d.z]],
-        }
+        Attitude { rows: [[f.x, r.x, d.x], [f.y, r.y, d.y], [f.z, r.z, d.z]] }
     }
 
     /// Body rates: roll and pitch from the turn of the thrust axis, yaw from `b₂ · heading = 0`, which holds always.
@@ -121,8 +106,7 @@ impl Pose {
         let pitch = dot(self.forward, turn);
         let ahead = heading(yaw_rad);
         let aside = Vec3::new(-ahead.y, ahead.x, 0.0);
-        let yaw = (roll * dot(self.down, ahead) + yaw_rate_rad_s * dot(self.right, aside))
-            / dot(self.forward, ahead);
+        let yaw = (roll * dot(self.down, ahead) + yaw_rate_rad_s * dot(self.right, aside)) / dot(self.forward, ahead);
         Vec3::new(roll, pitch, yaw)
     }
 }
@@ -151,9 +135,7 @@ mod tests {
     /// Samples over one period, each with its neighbours `STEP_US` before and after.
     fn triples() -> impl Iterator<Item = [Input; 3]> {
         let at = |time_us| sample(time_us, 0.002);
-        (0..PERIOD_US)
-            .step_by(10_000)
-            .map(move |t| [at(t + PERIOD_US - STEP_US), at(t), at(t + STEP_US)])
+        (0..PERIOD_US).step_by(10_000).map(move |t| [at(t + PERIOD_US - STEP_US), at(t), at(t + STEP_US)])
     }
 
     /// Half the difference of the neighbours, over the step.
@@ -167,8 +149,7 @@ mod tests {
         for [before, now, after] in triples() {
             let error = slope(before.position_m, after.position_m) - now.velocity_m_s;
             assert!(norm(error) < 0.02, "{error:?}");
-            let acceleration =
-                now.attitude.to_ned(now.specific_force_m_s2) + Vec3::new(0.0, 0.0, GRAVITY_M_S2);
+            let acceleration = now.attitude.to_ned(now.specific_force_m_s2) + Vec3::new(0.0, 0.0, GRAVITY_M_S2);
             let error = slope(before.velocity_m_s, after.velocity_m_s) - acceleration;
             assert!(norm(error) < 0.05, "{error:?}");
         }

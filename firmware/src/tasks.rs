@@ -37,13 +37,9 @@ const THRUST_TO_WEIGHT: f32 = 2.2;
 pub(crate) fn start(spawner: Spawner) {
     let Board { motors, status } = board::init();
     start_cycle_counter();
-    defmt::info!(
-        "{=str}: synthetic sensors, no arming: motors are held at the stop pulse",
-        board::NAME
-    );
+    defmt::info!("{=str}: synthetic sensors, no arming: motors are held at the stop pulse", board::NAME);
 
-    let reports: &'static mut Reports =
-        singleton!(: Reports = Queue::new()).expect("start runs once");
+    let reports: &'static mut Reports = singleton!(: Reports = Queue::new()).expect("start runs once");
     let (producer, consumer) = reports.split();
     let flight = Flight::new();
     let control = control(flight, motors, producer).expect("control is started once");
@@ -63,23 +59,12 @@ impl Flight {
     fn new() -> Self {
         let airframe = Airframe::paper(THRUST_TO_WEIGHT);
         let config = Config::flight(Law::Lgs, airframe);
-        // Not `expect`: printing a float in text would double the image.
+        // Not `expect`: printing a float in text would add 30 KB to the image.
         let controller = Controller::try_new(&config).unwrap_or_else(|e| {
-            defmt::panic!(
-                "{=str}.{=str} = {=f32}, allowed: {=str}",
-                e.part,
-                e.field,
-                e.value,
-                e.allowed
-            )
+            defmt::panic!("{=str}.{=str} = {=f32}, allowed: {=str}", e.part, e.field, e.value, e.allowed)
         });
         let state = controller.hover_state();
-        Self {
-            airframe,
-            control_hz: config.control_hz,
-            controller,
-            state,
-        }
+        Self { airframe, control_hz: config.control_hz, controller, state }
     }
 
     /// Ticks the core; returns also what that cost, in cycles.
@@ -135,37 +120,12 @@ async fn log(mut reports: Reader, mut status: Status) -> ! {
 }
 
 fn write(report: &Report) {
-    let Report {
-        ticks,
-        late,
-        rejected,
-        cycles_max,
-        altitude_error_m,
-        ..
-    } = *report;
+    let Report { ticks, late, rejected, cycles_max, altitude_error_m_max, .. } = *report;
     let [k_p, k_i, k_d] = report.altitude_gains;
     let [m1, m2, m3, m4] = report.pulses.map(Pulse::us);
-    defmt::info!(
-        "ticks {=u32}, late {=u32}, rejected {=u32}, worst {=u32} cycles",
-        ticks,
-        late,
-        rejected,
-        cycles_max
-    );
-    defmt::info!(
-        "altitude error {=f32} m, gains {=f32} {=f32} {=f32}",
-        altitude_error_m,
-        k_p,
-        k_i,
-        k_d
-    );
-    defmt::info!(
-        "motors stopped; armed they would get {=u16} {=u16} {=u16} {=u16} us",
-        m1,
-        m2,
-        m3,
-        m4
-    );
+    defmt::info!("ticks {=u32}, late {=u32}, rejected {=u32}, worst {=u32} cycles", ticks, late, rejected, cycles_max);
+    defmt::info!("altitude error within {=f32} m, gains {=f32} {=f32} {=f32}", altitude_error_m_max, k_p, k_i, k_d);
+    defmt::info!("motors stopped; armed they would get {=u16} {=u16} {=u16} {=u16} us", m1, m2, m3, m4);
 }
 
 /// Starts the counter behind `DWT::cycle_count`.

@@ -126,6 +126,7 @@ impl Failure {
         move |error| Self { text: format!("{}: cannot be written: {error}", folder.display()), code: 1 }
     }
 
+    #[expect(clippy::needless_pass_by_value, reason = "the shape that map_err wants")]
     fn drawing(error: Box<dyn Error>) -> Self {
         Self { text: format!("the figure cannot be drawn: {error}"), code: 1 }
     }

@@ -126,7 +126,7 @@ impl Log {
         for row in &self.rows {
             writer.write_record(row.iter().map(ToString::to_string))?;
         }
-        writer.into_inner().map_err(|error| error.into_error())
+        writer.into_inner().map_err(csv::IntoInnerError::into_error)
     }
 }
 

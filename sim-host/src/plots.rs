@@ -108,6 +108,7 @@ fn vertical_range(values: &mut Vec<f64>) -> Range<f64> {
 }
 
 /// A label without trailing zeros or a negative zero.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "the shape that plotters wants")]
 fn plain(y: &f64) -> String {
     let text = format!("{y:.4}");
     let short = text.trim_end_matches('0').trim_end_matches('.');
@@ -118,9 +119,12 @@ type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
 fn draw_panel(area: &Area, panel: &Panel, traces: &[Trace], windows_s: &[(f64, f64)]) -> Result<(), Box<dyn Error>> {
     let end_s = traces.iter().filter_map(|t| t.log.column("t_s").last().copied()).fold(0.0, f64::max);
-    let time_s = match (panel.close_up, windows_s.first(), windows_s.last()) {
-        (true, Some(first), Some(last)) => (first.0 - CLOSE_UP_S).max(0.0)..(last.1 + CLOSE_UP_S).min(end_s),
-        _ => 0.0..end_s,
+    let time_s = match (windows_s.first(), windows_s.last()) {
+        // A flight that crashed before its fault has no close-up.
+        (Some(first), Some(last)) if panel.close_up && first.0 < end_s => {
+            (first.0 - CLOSE_UP_S).max(0.0)..(last.1 + CLOSE_UP_S).min(end_s)
+        }
+        _ => 0.0..end_s.max(SPAN_MIN),
     };
     let curves: Vec<(ControllerName, Vec<(f64, f64)>)> = traces
         .iter()

@@ -66,7 +66,7 @@ impl Sensors {
     }
 }
 
-fn narrow<F>(v: &Vector3<f64>) -> Vec3<F> {
+fn narrow<F: Copy>(v: &Vector3<f64>) -> Vec3<F> {
     Vec3::new(v.x as f32, v.y as f32, v.z as f32)
 }
 

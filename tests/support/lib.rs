@@ -1,0 +1,59 @@
+//! What several system tests need: the shipped scenarios, and flights of them.
+use sim_host::controllers::ControllerName;
+use sim_host::flight::{Flight, NumberFormat, Sample};
+use sim_host::metrics::{Flown, METRICS, fly_measured, median_and_worst};
+use sim_host::scenario::Scenario;
+use std::path::{Path, PathBuf};
+
+/// The root of the workspace.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// A shipped scenario by its name.
+///
+/// # Panics
+/// If it cannot be loaded, with the reason.
+pub fn shipped(name: &str) -> Scenario {
+    let file = root().join(format!("scenarios/{name}.toml"));
+    Scenario::load(&file).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Flies `seeds` flights from seed `base` on.
+pub fn fly(scenario: &Scenario, controller: ControllerName, base: u64, seeds: u64) -> Vec<Flown> {
+    (base..base + seeds)
+        .map(|seed| {
+            let flight = Flight { scenario, controller, seed, format: NumberFormat::F32 };
+            fly_measured(&flight, &mut |_| {}).expect("shipped gains are valid")
+        })
+        .collect()
+}
+
+/// Flies once in `format` and keeps what `of` says of every tick; panics if it crashes.
+///
+/// # Panics
+/// If the flight crashes.
+pub fn trace<T>(
+    scenario: &Scenario,
+    controller: ControllerName,
+    format: NumberFormat,
+    of: impl Fn(&Sample) -> T,
+) -> Vec<T> {
+    let mut rows = Vec::new();
+    let flight = Flight { scenario, controller, seed: scenario.seed, format };
+    let crash = flight.fly(&mut |sample| rows.push(of(sample))).expect("shipped gains are valid");
+    assert_eq!(crash, None, "{controller} in {format:?}");
+    rows
+}
+
+/// Median and worst of a metric over flights that all must have survived.
+///
+/// # Panics
+/// If a flight crashed, naming its seed, or if there is no such metric to measure.
+pub fn metric(flights: &[Flown], name: &str) -> (f64, f64) {
+    for flown in flights {
+        assert_eq!(flown.crash, None, "seed {}", flown.seed);
+    }
+    let metric = METRICS.iter().find(|metric| metric.name == name).expect("a metric of this name");
+    median_and_worst(flights, metric).expect("something to measure")
+}

@@ -2,6 +2,4 @@
 //! RAM go to `memory.x`.
 mod speedybee_f405_v3;
 
-pub(crate) use speedybee_f405_v3::{
-    Board, Motors, NAME, Status, cut_motors, init, start_control_executor,
-};
+pub(crate) use speedybee_f405_v3::{Board, Motors, NAME, Status, cut_motors, init, start_control_executor};

@@ -1,4 +1,4 @@
-//! Board: `SpeedyBee F405 V3`. The only file that names pins, timers or interrupts.
+//! Board: SpeedyBee F405 V3. The only file that names pins, timers or interrupts.
 //! To port: copy this file, keep its public items, select it in `board/mod.rs`.
 //!
 //! | part          | pins      | by                                       |
@@ -48,12 +48,8 @@ pub(crate) struct Board {
 pub(crate) type Status = Output<'static>;
 
 /// The motor lines. Held, for a pin that is dropped lets go of its line.
-type MotorPins = (
-    PwmPin<'static, TIM4, Ch1>,
-    PwmPin<'static, TIM4, Ch2>,
-    PwmPin<'static, TIM4, Ch3>,
-    PwmPin<'static, TIM4, Ch4>,
-);
+type MotorPins =
+    (PwmPin<'static, TIM4, Ch1>, PwmPin<'static, TIM4, Ch2>, PwmPin<'static, TIM4, Ch3>, PwmPin<'static, TIM4, Ch4>);
 
 /// The four motor outputs, in airframe order. They can only stop: sending any other pulse comes with arming.
 pub(crate) struct Motors {
@@ -103,12 +99,7 @@ pub(crate) fn init() -> Board {
     Board {
         motors: Motors::new(
             p.TIM4,
-            (
-                PwmPin::new(p.PB6, push),
-                PwmPin::new(p.PB7, push),
-                PwmPin::new(p.PB8, push),
-                PwmPin::new(p.PB9, push),
-            ),
+            (PwmPin::new(p.PB6, push), PwmPin::new(p.PB7, push), PwmPin::new(p.PB8, push), PwmPin::new(p.PB9, push)),
         ),
         status: Output::new(p.PC8, Level::Low, Speed::Low),
     }
@@ -117,10 +108,7 @@ pub(crate) fn init() -> Board {
 /// 168 MHz from the 8 MHz crystal; 48 MHz for USB.
 fn clocks() -> Config {
     let mut config = Config::default();
-    config.rcc.hse = Some(rcc::Hse {
-        freq: Hertz(8_000_000),
-        mode: rcc::HseMode::Oscillator,
-    });
+    config.rcc.hse = Some(rcc::Hse { freq: Hertz(8_000_000), mode: rcc::HseMode::Oscillator });
     config.rcc.pll_src = rcc::PllSource::HSE;
     config.rcc.pll = Some(rcc::Pll {
         prediv: rcc::PllPreDiv::DIV4,

@@ -13,6 +13,9 @@ pub(super) struct Wrong {
     pub(super) allowed: String,
 }
 
+/// Why the plant `paper` refuses a key.
+const NOT_IN_PAPER: &str = "left out with the plant `paper`, which knows neither wind, ground nor drag";
+
 type Check = Result<(), Wrong>;
 
 /// Refuses a number outside `low..=high`; NaN is outside.
@@ -23,7 +26,7 @@ fn range(key: &str, value: f64, low: f64, high: f64) -> Check {
     Err(Wrong { key: key.to_owned(), value: value.to_string(), allowed: format!("a number from {low} to {high}") })
 }
 
-fn refuse(key: &str, value: impl ToString, allowed: &str) -> Check {
+fn refuse(key: &str, value: impl std::fmt::Display, allowed: &str) -> Check {
     Err(Wrong { key: key.to_owned(), value: value.to_string(), allowed: allowed.to_owned() })
 }
 
@@ -175,15 +178,14 @@ impl Scenario {
         if self.plant != PlantKind::Paper {
             return Ok(());
         }
-        const NONE: &str = "left out with the plant `paper`, which knows neither wind, ground nor drag";
         if self.wind.gust_rms_n != 0.0 {
-            return refuse("wind.gust_rms_n", self.wind.gust_rms_n, NONE);
+            return refuse("wind.gust_rms_n", self.wind.gust_rms_n, NOT_IN_PAPER);
         }
         if self.vehicle.linear_drag_n_s_m != 0.0 {
-            return refuse("vehicle.linear_drag_n_s_m", self.vehicle.linear_drag_n_s_m, NONE);
+            return refuse("vehicle.linear_drag_n_s_m", self.vehicle.linear_drag_n_s_m, NOT_IN_PAPER);
         }
         if let Some(altitude_m) = self.ground_altitude_m {
-            return refuse("ground_altitude_m", altitude_m, NONE);
+            return refuse("ground_altitude_m", altitude_m, NOT_IN_PAPER);
         }
         Ok(())
     }

@@ -53,11 +53,14 @@ impl Scenario {
     pub fn parse(text: &str, file: &Path) -> Result<Self, ScenarioError> {
         let malformed = |error: &toml::de::Error, key: String| {
             let span = error.span().unwrap_or(0..0);
-            let start = span.start.min(text.len());
-            let found = text.get(span).and_then(|s| s.lines().next()).unwrap_or_default();
+            let before = &text[..span.start.min(text.len())];
+            let line = before.matches('\n').count();
+            // Where nothing is, as at an unclosed bracket, the whole line tells more.
+            let found = text.get(span).and_then(|s| s.lines().next()).filter(|found| !found.is_empty());
+            let found = found.or_else(|| text.lines().nth(line)).unwrap_or_default();
             ScenarioError::Malformed {
                 file: file.to_owned(),
-                line: text[..start].lines().count().max(1),
+                line: line + 1,
                 key,
                 found: found.trim().to_owned(),
                 reason: error.message().replace('\n', " "),

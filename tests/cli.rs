@@ -1,0 +1,149 @@
+//! The command line as a user meets it: files, exit codes, and one clear line for what is wrong.
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::OnceLock;
+use system_tests::root;
+
+/// The `sim-host` of this profile, built if it is not there yet.
+fn sim_host(args: &[&str]) -> Output {
+    static BINARY: OnceLock<PathBuf> = OnceLock::new();
+    let binary = BINARY.get_or_init(|| {
+        // Tests lie in target/<profile>/deps.
+        let test = std::env::current_exe().expect("a test has a path");
+        let profile = test.ancestors().nth(2).expect("a target folder").to_owned();
+        let mut build = Command::new(env!("CARGO"));
+        build.args(["build", "--quiet", "--package", "sim-host", "--target-dir"]).arg(profile.join(".."));
+        if profile.ends_with("release") {
+            build.arg("--release");
+        }
+        assert!(build.current_dir(root()).status().expect("cargo runs").success());
+        profile.join("sim-host")
+    });
+    Command::new(binary).args(args).current_dir(root()).output().expect("sim-host runs")
+}
+
+/// Changes `flight.toml`, flies it, and gives the one line that is said on stderr; nothing may be left behind.
+fn refusal(from: &str, to: &str) -> String {
+    let folder = tempfile::tempdir().expect("a folder");
+    let text = std::fs::read_to_string(root().join("scenarios/flight.toml")).expect("a shipped scenario");
+    assert!(text.contains(from), "{from}");
+    let file = folder.path().join("changed.toml");
+    std::fs::write(&file, text.replacen(from, to, 1)).expect("written");
+    refusal_of(&file, folder.path())
+}
+
+fn refusal_of(file: &Path, folder: &Path) -> String {
+    let out = folder.join("out");
+    let path = |path: &Path| path.to_str().expect("a plain path").to_owned();
+    let result = sim_host(&["compare", &path(file), "--out", &path(&out)]);
+    let line = String::from_utf8(result.stderr).expect("text");
+    assert_eq!(result.status.code(), Some(2), "{line}");
+    assert_eq!(line.lines().count(), 1, "{line}");
+    assert!(result.stdout.is_empty());
+    assert!(!out.exists(), "nothing half-written");
+    line
+}
+
+#[test]
+fn bad_scenarios_are_refused_in_one_line_that_names_the_key() {
+    for (why, from, to, says) in [
+        ("unknown key", "duration_s", "duration_x", ["changed.toml:5", "duration_x", "expected one of"]),
+        ("unknown key in a table", "loss    =", "lost    =", ["fault[0].lost", "unknown field", "expected one of"]),
+        ("not a number", "loss    = 0.4", "loss    = nan", ["fault[0].loss", "NaN", "a number from 0 to 1"]),
+        ("negative mass", "[vehicle]", "[vehicle]\nmass_kg = -0.5", ["vehicle.mass_kg", "-0.5", "from 0.01 to 100"]),
+        ("a fifth rotor", "rotors  = [1, 2, 3, 4]", "rotors = [5]", ["fault[0].rotors[0]", "5", "rotors 1 to 4"]),
+        ("a word for a number", "loss    = 0.4", "loss = \"much\"", ["fault[0].loss", "\"much\"", "expected f64"]),
+        ("broken TOML", "[vehicle]", "[vehicle", ["changed.toml:", "[vehicle", "expected"]),
+        (
+            "gains of nobody",
+            "[vehicle]",
+            "[controllers.nobody.gains]\n[vehicle]",
+            ["controllers", "nobody", "expected one of `pid`"],
+        ),
+        (
+            "a gain that is not a number",
+            "[vehicle]",
+            "[controllers.lgs.gains]\nz = { p = nan }\n[vehicle]",
+            ["controllers.lgs.gains.z.p", "NaN", "a number from"],
+        ),
+    ] {
+        let line = refusal(from, to);
+        for part in says {
+            assert!(line.contains(part), "{why}: `{part}` is not in: {line}");
+        }
+    }
+}
+
+#[test]
+fn a_missing_file_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let line = refusal_of(&folder.path().join("none.toml"), folder.path());
+    assert!(line.contains("none.toml") && line.contains("cannot be read"), "{line}");
+}
+
+#[test]
+fn compare_writes_its_results_and_prints_only_json_when_asked() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("results");
+    let args = ["compare", "scenarios/paper.toml", "--seeds", "1", "--json", "--out"];
+    let result = sim_host(&[&args[..], &[out.to_str().expect("a plain path")]].concat());
+    assert!(result.status.success());
+    let json: serde_json::Value = serde_json::from_slice(&result.stdout).expect("JSON alone");
+    assert_eq!(json["scenario"], "paper");
+    assert_eq!(json["conditions"]["faults"][0]["loss"], 0.4);
+    assert!(json["controllers"]["pid"]["altitude_deviation_max_m"]["median"].as_f64() > Some(0.3));
+    assert_eq!(json["controllers"]["raw"]["survived"], 1);
+
+    let mut names: Vec<_> = std::fs::read_dir(&out)
+        .expect("results")
+        .map(|entry| entry.expect("an entry").file_name().into_string().expect("a name"))
+        .collect();
+    names.sort();
+    assert_eq!(names, ["comparison.png", "comparison.svg", "report.md", "results.json"]);
+    let report = std::fs::read_to_string(out.join("report.md")).expect("a report");
+    assert!(report.contains("raw limit-cycles"), "the report says what the table hides");
+}
+
+#[test]
+fn crashed_flights_are_counted_and_their_metrics_are_null() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let args = ["compare", "scenarios/raw_law_limits.toml", "--controllers", "raw", "--seeds", "2", "--json", "--out"];
+    let result = sim_host(&[&args[..], &[folder.path().to_str().expect("a plain path")]].concat());
+    let json: serde_json::Value = serde_json::from_slice(&result.stdout).expect("JSON");
+    let raw = &json["controllers"]["raw"];
+    assert_eq!((&raw["flights"], &raw["survived"]), (&2.into(), &0.into()));
+    assert!(raw["altitude_deviation_max_m"]["median"].is_null());
+    assert_eq!(raw["crashes"].as_array().map(Vec::len), Some(2));
+}
+
+#[test]
+fn schema_documents_every_key() {
+    let result = sim_host(&["schema"]);
+    let schema: serde_json::Value = serde_json::from_slice(&result.stdout).expect("JSON");
+    let mut keys = 0;
+    assert_documented("", &schema, &mut keys);
+    assert!(keys > 50, "{keys}");
+}
+
+/// Every property of every object has a description, its own or that of the type it refers to.
+fn assert_documented(path: &str, schema: &serde_json::Value, keys: &mut usize) {
+    if let Some(properties) = schema["properties"].as_object() {
+        for (key, property) in properties {
+            *keys += 1;
+            // A variant of an enum is described once, beside its only property.
+            let described = [&property["description"], &schema["description"]];
+            assert!(described.iter().any(|text| text.is_string()), "{path}.{key}");
+        }
+    }
+    match schema {
+        serde_json::Value::Object(map) => {
+            for (key, value) in map {
+                assert_documented(&format!("{path}.{key}"), value, keys);
+            }
+        }
+        serde_json::Value::Array(items) => {
+            items.iter().for_each(|item| assert_documented(path, item, keys));
+        }
+        _ => {}
+    }
+}

@@ -1,0 +1,73 @@
+//! House style that no compiler checks.
+use std::path::{Path, PathBuf};
+use system_tests::root;
+
+/// A file is read in one sitting; tests beside the code are not counted.
+const FILE_LINES_MAX: usize = 400;
+/// Crates whose every source file is held to the style.
+const CRATES: [&str; 6] = ["control-core", "firmware", "sim-host", "tests", "tick-bench", "xtask"];
+
+fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).expect("a folder of the workspace") {
+        let path = entry.expect("an entry").path();
+        if path.is_dir() {
+            sources(&path, found);
+        } else if path.extension().is_some_and(|ending| ending == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+fn every_source() -> Vec<(PathBuf, String)> {
+    let mut found = Vec::new();
+    for name in CRATES {
+        sources(&root().join(name), &mut found);
+    }
+    assert!(found.len() > 40, "the sources were found");
+    found.into_iter().map(|path| (path.clone(), std::fs::read_to_string(path).expect("text"))).collect()
+}
+
+#[test]
+fn files_are_read_in_one_sitting() {
+    for (path, text) in every_source() {
+        let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+        let lines = code.lines().count();
+        assert!(lines <= FILE_LINES_MAX, "{}: {lines} lines", path.display());
+    }
+}
+
+#[test]
+fn files_open_with_what_they_are_for() {
+    for (path, text) in every_source() {
+        let opens = text.trim_start_matches(|c| c == '\n');
+        assert!(opens.starts_with("//!") || opens.starts_with("#!"), "{}", path.display());
+    }
+}
+
+#[test]
+fn core_has_no_unsafe_no_std_and_no_alloc() {
+    let lib = std::fs::read_to_string(root().join("control-core/src/lib.rs")).expect("the core");
+    assert!(lib.contains("#![no_std]\n") && lib.contains("#![forbid(unsafe_code)]"));
+    assert!(!lib.contains("extern crate alloc"));
+}
+
+#[test]
+fn only_the_simulator_draws_random_numbers() {
+    for name in ["control-core", "firmware"] {
+        let manifest = std::fs::read_to_string(root().join(name).join("Cargo.toml")).expect("a manifest");
+        let dependencies = manifest.split("[dev-dependencies]").next().unwrap_or_default();
+        assert!(!dependencies.lines().any(|line| line.starts_with("rand")), "{name}");
+    }
+}
+
+#[test]
+fn every_shipped_scenario_loads_and_says_what_it_shows() {
+    let mut count = 0;
+    for entry in std::fs::read_dir(root().join("scenarios")).expect("scenarios") {
+        let path = entry.expect("an entry").path();
+        let scenario = sim_host::scenario::Scenario::load(&path).unwrap_or_else(|error| panic!("{error}"));
+        assert!(!scenario.title.is_empty(), "{}", path.display());
+        count += 1;
+    }
+    assert!(count >= 10);
+}

@@ -1,0 +1,137 @@
+//! Instructions of a control tick, counted on an emulated Cortex-M4F.
+//!
+//! `sim-host` flies and records every tick; `tick-bench` repeats the record on QEMU. The board must compute the same
+//! thrusts to the bit, and no tick may take more than [`TICK_INSTRUCTIONS_MAX`].
+use crate::workspace::{FLIGHT, Workspace};
+use anyhow::{Context, Result, bail, ensure};
+use std::fs::File;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::str::FromStr;
+use std::time::{Duration, Instant};
+
+/// A tick is one call of the whole controller; at 168 MHz and 500 Hz this is a third of a percent of the processor.
+const TICK_INSTRUCTIONS_MAX: u32 = 900;
+
+/// The PSRAM of mps2-an386, where `tick-bench` looks for the record.
+const RECORD_ADDRESS: &str = "0x21000000";
+/// An instruction takes 2^10 ns of virtual time and nothing else does: see `tick-bench/src/count.rs`.
+const ICOUNT: &str = "shift=10,sleep=off";
+/// The replay takes about a second; an image that hangs would never end.
+const QEMU_SECONDS_MAX: u64 = 120;
+
+pub(crate) fn run(workspace: &Workspace) -> Result<()> {
+    let folder = workspace.results("tick-bench")?;
+    let record = folder.join("flight.ticks");
+    let fly = ["run", "--quiet", "--release", "--package", "sim-host", "--", "fly", FLIGHT, "--controller", "lgs"];
+    let flight = workspace.cargo(&fly).arg("--out").arg(folder.join("flight")).arg("--ticks").arg(&record);
+    flight.ignore_stdout().run()?;
+    let image = workspace.build_image("tick-bench")?;
+    let printed = emulate(&image, &record, &folder.join("printed.txt"))?;
+    report(&printed)
+}
+
+/// Runs the image on the record; returns what it printed.
+fn emulate(image: &Path, record: &Path, output: &Path) -> Result<String> {
+    let mut qemu = Command::new("qemu-system-arm");
+    qemu.args(["-M", "mps2-an386", "-display", "none", "-monitor", "none", "-serial", "none"])
+        .args(["-icount", ICOUNT, "-semihosting-config", "enable=on,target=native"])
+        .arg("-device")
+        .arg(format!("loader,file={},addr={RECORD_ADDRESS},force-raw=on", record.display()))
+        .arg("-kernel")
+        .arg(image)
+        .stdin(Stdio::null())
+        .stdout(File::create(output)?);
+    println!("$ {}", format!("{qemu:?}").replace('"', ""));
+    let mut child = qemu.spawn().context("qemu-system-arm does not start: cargo xtask setup")?;
+    let started = Instant::now();
+    let status = loop {
+        if let Some(status) = child.try_wait()? {
+            break status;
+        }
+        if started.elapsed() > Duration::from_secs(QEMU_SECONDS_MAX) {
+            child.kill()?;
+            child.wait()?;
+            bail!("tick-bench was still running after {QEMU_SECONDS_MAX} s");
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    let printed = std::fs::read_to_string(output)?;
+    ensure!(status.success(), "tick-bench failed: {}", printed.trim());
+    Ok(printed)
+}
+
+/// Prints what was measured as a table, and judges it.
+fn report(printed: &str) -> Result<()> {
+    let lines = || printed.lines().map(Line);
+    println!("{:<10} {:>6} {:>6} {:>10}   instructions a call", "function", "core", "libm", "micromath");
+    for line in lines().filter(|line| line.is("math")) {
+        let [function, core, libm, micromath] = ["function", "core", "libm", "micromath"].map(|key| line.text(key));
+        println!("{:<10} {:>6} {:>6} {:>10}", function?, core?, libm?, micromath?);
+    }
+    let tick = lines().find(|line| line.is("tick")).context("tick-bench printed no tick")?;
+    let (ticks, worst, differing): (u32, u32, u32) =
+        (tick.number("ticks")?, tick.number("worst")?, tick.number("differing")?);
+    let rejected: u32 = tick.number("rejected")?;
+    println!(
+        "tick: worst {worst} at {}, mean {}, budget {TICK_INSTRUCTIONS_MAX}; {ticks} ticks, {rejected} rejected, \
+         {differing} differ from the host",
+        tick.text("worst_at")?,
+        tick.text("mean")?,
+    );
+    ensure!(ticks > rejected, "no tick was counted");
+    ensure!(
+        differing == 0,
+        "{differing} of {ticks} ticks differ between host and board, first tick {}",
+        tick.text("first_differing")?
+    );
+    ensure!(worst <= TICK_INSTRUCTIONS_MAX, "a tick takes {worst} instructions, budget {TICK_INSTRUCTIONS_MAX}");
+    Ok(())
+}
+
+/// A printed line: `kind key=value key=value`.
+#[derive(Clone, Copy)]
+struct Line<'a>(&'a str);
+
+impl<'a> Line<'a> {
+    fn is(self, kind: &str) -> bool {
+        self.0.split_whitespace().next() == Some(kind)
+    }
+
+    fn text(self, key: &str) -> Result<&'a str> {
+        let mut pairs = self.0.split_whitespace().filter_map(|word| word.split_once('='));
+        let found = pairs.find(|(found, _)| *found == key);
+        Ok(found.with_context(|| format!("tick-bench printed no {key} in `{}`", self.0))?.1)
+    }
+
+    fn number<T: FromStr>(self, key: &str) -> Result<T> {
+        let text = self.text(key)?;
+        text.parse().ok().with_context(|| format!("tick-bench printed {key}={text}, which is no number"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn printed(ticks: u32, worst: u32, differing: u32) -> String {
+        format!(
+            "tick ticks={ticks} worst={worst} mean=1.5 worst_at=3 rejected=0 differing={differing} \
+             first_differing=none\nmath function=tanh core=33 libm=108 micromath=84\n"
+        )
+    }
+
+    #[test]
+    fn a_measurement_is_judged() {
+        for (why, text, good) in [
+            ("all is well", printed(9, TICK_INSTRUCTIONS_MAX, 0), true),
+            ("too slow", printed(9, TICK_INSTRUCTIONS_MAX + 1, 0), false),
+            ("a thrust differs", printed(9, 1, 1), false),
+            ("nothing flew", printed(0, 0, 0), false),
+            ("no tick line", String::new(), false),
+            ("a key is missing", "tick ticks=9".to_owned(), false),
+        ] {
+            assert_eq!(report(&text).is_ok(), good, "{why}");
+        }
+    }
+}

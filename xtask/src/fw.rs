@@ -1,0 +1,78 @@
+//! Size of the flight image against its budgets.
+use crate::workspace::Workspace;
+use anyhow::{Context, Result, bail, ensure};
+use object::elf::{SHF_ALLOC, SHF_WRITE, SHT_NOBITS};
+use object::{Object, ObjectSection, SectionFlags};
+
+const KIB: u64 = 1024;
+
+/// A memory, and how much of it the image may take.
+struct Budget {
+    name: &'static str,
+    /// What it may ever take: half of what the smallest board that is planned for has, at most.
+    bytes_max: u64,
+    /// Little above what it takes now: growth is a decision, made here.
+    ratchet: u64,
+}
+
+const FLASH: Budget = Budget { name: "flash", bytes_max: 256 * KIB, ratchet: 96 * KIB };
+/// Without the stack, which has the rest.
+const RAM: Budget = Budget { name: "RAM", bytes_max: 64 * KIB, ratchet: 16 * KIB };
+
+const _: () = assert!(FLASH.ratchet <= FLASH.bytes_max && RAM.ratchet <= RAM.bytes_max);
+
+/// Without these there is no image: a linker script that was not found leaves an ELF all the same.
+const REQUIRED: [&str; 2] = [".vector_table", ".text"];
+
+/// Bytes of a section in each memory.
+struct Footprint {
+    name: String,
+    flash: u64,
+    ram: u64,
+}
+
+pub(crate) fn run(workspace: &Workspace) -> Result<()> {
+    let elf = workspace.build_image("firmware")?;
+    let footprints = footprints(&workspace.shell.read_binary_file(&elf)?)
+        .with_context(|| format!("{} cannot be read", elf.display()))?;
+    for required in REQUIRED {
+        let found = footprints.iter().any(|section| section.name == required);
+        ensure!(found, "{} has no {required}: it would not boot", elf.display());
+    }
+    println!("{:<16} {:>8} {:>8}", "section", FLASH.name, RAM.name);
+    for Footprint { name, flash, ram } in &footprints {
+        println!("{name:<16} {flash:>8} {ram:>8}");
+    }
+    FLASH.check(footprints.iter().map(|section| section.flash).sum())?;
+    RAM.check(footprints.iter().map(|section| section.ram).sum())
+}
+
+/// The sections that take memory on the board.
+fn footprints(elf: &[u8]) -> Result<Vec<Footprint>> {
+    let file = object::File::parse(elf)?;
+    file.sections().filter_map(|section| footprint(&section).transpose()).collect()
+}
+
+/// Flash holds what is loaded, initial values of variables included; RAM what can be written.
+fn footprint<'a>(section: &impl ObjectSection<'a>) -> Result<Option<Footprint>> {
+    let SectionFlags::Elf { sh_type, sh_flags } = section.flags() else {
+        bail!("not an ELF file");
+    };
+    let size = section.size();
+    let takes = |holds: bool| if holds { size } else { 0 };
+    let allocated = sh_flags.contains(SHF_ALLOC) && size > 0;
+    Ok(allocated.then_some(Footprint {
+        name: section.name()?.to_owned(),
+        flash: takes(sh_type != SHT_NOBITS),
+        ram: takes(sh_flags.contains(SHF_WRITE)),
+    }))
+}
+
+impl Budget {
+    fn check(&self, bytes: u64) -> Result<()> {
+        let Self { name, bytes_max, ratchet } = self;
+        println!("{name}: {bytes} bytes of {ratchet}, which may be raised to {bytes_max}");
+        ensure!(bytes <= *ratchet, "{name}: {bytes} bytes, budget {ratchet} (xtask/src/fw.rs)");
+        Ok(())
+    }
+}

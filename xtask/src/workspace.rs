@@ -1,0 +1,52 @@
+//! Where the workspace is, and how its cargo is called.
+use anyhow::{Context, Result};
+use std::path::{Path, PathBuf};
+use xshell::{Cmd, Shell, cmd};
+
+/// The board's target triple.
+pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
+/// The profile of everything that runs on the board.
+pub(crate) const PROFILE: &str = "image";
+/// What is flown to count and to compare.
+pub(crate) const FLIGHT: &str = "scenarios/flight.toml";
+
+/// A shell in the root of the workspace.
+pub(crate) struct Workspace {
+    pub(crate) shell: Shell,
+    cargo: PathBuf,
+    target_dir: PathBuf,
+}
+
+impl Workspace {
+    /// The workspace this program was built in.
+    pub(crate) fn open() -> Result<Self> {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("xtask lies in no workspace")?;
+        let shell = Shell::new()?;
+        shell.change_dir(root);
+        Ok(Self {
+            // The cargo that runs this program, so that nested calls use the same toolchain.
+            cargo: shell.var_os("CARGO").unwrap_or_else(|| "cargo".into()).into(),
+            target_dir: root.join(shell.var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into())),
+            shell,
+        })
+    }
+
+    /// `cargo` with these arguments.
+    pub(crate) fn cargo<'a>(&'a self, arguments: &[&str]) -> Cmd<'a> {
+        let cargo = &self.cargo;
+        cmd!(self.shell, "{cargo} {arguments...}")
+    }
+
+    /// Builds a package for the board; returns its ELF, which has the package's name.
+    pub(crate) fn build_image(&self, package: &str) -> Result<PathBuf> {
+        self.cargo(&["build", "--package", package, "--profile", PROFILE, "--target", TARGET]).run()?;
+        Ok(self.target_dir.join(TARGET).join(PROFILE).join(package))
+    }
+
+    /// A fresh folder for the results of a command.
+    pub(crate) fn results(&self, command: &str) -> Result<PathBuf> {
+        let folder = self.target_dir.join(command);
+        self.shell.remove_path(&folder)?;
+        Ok(self.shell.create_dir(folder)?)
+    }
+}
