@@ -142,7 +142,9 @@ fn assert_documented(path: &str, schema: &serde_json::Value, keys: &mut usize) {
             }
         }
         serde_json::Value::Array(items) => {
-            items.iter().for_each(|item| assert_documented(path, item, keys));
+            for item in items {
+                assert_documented(path, item, keys);
+            }
         }
         _ => {}
     }

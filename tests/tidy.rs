@@ -39,7 +39,7 @@ fn files_are_read_in_one_sitting() {
 #[test]
 fn files_open_with_what_they_are_for() {
     for (path, text) in every_source() {
-        let opens = text.trim_start_matches(|c| c == '\n');
+        let opens = text.trim_start_matches('\n');
         assert!(opens.starts_with("//!") || opens.starts_with("#!"), "{}", path.display());
     }
 }

@@ -32,6 +32,8 @@ pub struct Airframe {
 const ARM_M: f32 = 0.232;
 /// Mass of the paper's airframe, kg (Table 1).
 const MASS_KG: f32 = 0.52;
+/// m l² of the paper's airframe (eq 5), kg m².
+const INERTIA_KG_M2: f32 = 0.027_988_48;
 /// d / b of Table 1: 7.5e-7 / 3.13e-5, m.
 const TORQUE_PER_THRUST_M: f32 = 0.023_961_66;
 
@@ -69,8 +71,8 @@ impl Airframe {
 
     /// The paper's airframe: Table 1 with its I = m l² about x and y, twice that about z (eq 5).
     pub fn paper(thrust_to_weight: f32) -> Self {
-        let inertia = MASS_KG * ARM_M * ARM_M;
-        Self::plus(MASS_KG, [inertia, inertia, 2.0 * inertia], ARM_M, thrust_to_weight)
+        let inertia_kg_m2 = [INERTIA_KG_M2, INERTIA_KG_M2, 2.0 * INERTIA_KG_M2];
+        Self::plus(MASS_KG, inertia_kg_m2, ARM_M, thrust_to_weight)
     }
 
     /// The machine whose mass, arms and rotors the paper took, with its measured inertia (CONTROL_LAW,

@@ -11,7 +11,7 @@
 //! Roll and pitch come first: δ is clamped to what the pair can make. Each sum then has a range; the thrust is clamped
 //! to the sum of both ranges, and yaw takes what is left. On a plus frame G is the arm length times identity.
 //!
-//! Invariants: every rotor thrust is within its own limits; a demand that fits is refused exactly zero.
+//! Invariants: every rotor thrust is within its own limits, to rounding; a demand that fits is refused exactly zero.
 //! Source: CONTROL_LAW, "Allocation, with priorities", there for the plus frame.
 use crate::airframe::Airframe;
 use crate::{ConfigError, Scalar};
@@ -93,7 +93,7 @@ impl<S: Scalar> Allocator<S> {
     /// Splits a demand over the rotors; on saturation yaw yields first, then thrust, roll and pitch last.
     ///
     /// - `demand`: N and N m, body FRD, finite.
-    /// - Returns thrusts in N, each within its rotor's limits, and the part of the demand they refuse.
+    /// - Returns thrusts in N, each within its rotor's limits to a millionth of its largest, and the part of the demand they refuse.
     pub fn allocate(&self, demand: &Demand<S>) -> Allocation<S> {
         let [max1, max2, max3, max4] = self.max_n;
         let min = self.min_n;
@@ -108,26 +108,20 @@ impl<S: Scalar> Allocator<S> {
         let (low2, high2) = (twice(min) + d2.abs(), (twice(max2) - d2).min(twice(max4) + d2));
         let total = demand.thrust_n.clamp(low1 + low2, high1 + high2);
 
-        let wanted_spread = demand.yaw_nm * self.thrust_per_torque_1_m;
-        let spread = wanted_spread
-            .clamp((twice(low1) - total).max(total - twice(high2)), (twice(high1) - total).min(total - twice(low2)));
-
         let half = S::from_f32(0.5);
-        let (sum1, sum2) = (half * (total + spread), half * (total - spread));
+        let wanted_sum1 = half * (total + demand.yaw_nm * self.thrust_per_torque_1_m);
+        let sum1 = wanted_sum1.clamp(low1.max(total - high2), high1.min(total - low2));
+        let sum2 = total - sum1;
+
         let (refused1, refused2) = (wanted1 - d1, wanted2 - d2);
         let [roll, pitch] = self.torque_per_difference;
         Allocation {
-            thrust_n: [
-                (half * (sum1 - d1)).clamp(min, max1),
-                (half * (sum2 + d2)).clamp(min, max2),
-                (half * (sum1 + d1)).clamp(min, max3),
-                (half * (sum2 - d2)).clamp(min, max4),
-            ],
+            thrust_n: [half * (sum1 - d1), half * (sum2 + d2), half * (sum1 + d1), half * (sum2 - d2)],
             refused: Demand {
                 thrust_n: demand.thrust_n - total,
                 roll_nm: roll[0] * refused1 + roll[1] * refused2,
                 pitch_nm: pitch[0] * refused1 + pitch[1] * refused2,
-                yaw_nm: (wanted_spread - spread) * self.torque_per_thrust_m,
+                yaw_nm: twice(wanted_sum1 - sum1) * self.torque_per_thrust_m,
             },
         }
     }

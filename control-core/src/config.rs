@@ -27,8 +27,6 @@ pub struct AxisConfig {
     pub lgs: LgsGains,
     /// The paper's adaptation of k_p, k_i and k_d.
     pub raw: [RawGains; 3],
-    /// Bound of |e|: larger errors act like this one.
-    pub error_max: f32,
     /// Bound of |∫e|.
     pub integral_max: f32,
 }
@@ -159,7 +157,6 @@ impl AxisConfig {
         for (field, value) in ["k0.p", "k0.i", "k0.d"].into_iter().zip(self.k0) {
             positive(part, field, value)?;
         }
-        positive(part, "error_max", self.error_max)?;
         positive(part, "integral_max", self.integral_max)?;
         positive(part, "lgs.lambda", self.lgs.lambda)?;
         match law {
@@ -237,7 +234,7 @@ impl Gains {
     /// CONTROL_LAW, "Law A"; the paper, Table 2.
     pub fn paper(airframe: &Airframe) -> Self {
         let flight = Self::flight(airframe);
-        let start = |axis: AxisConfig, k0| AxisConfig { k0, error_max: 100.0, integral_max: 100.0, ..axis };
+        let start = |axis: AxisConfig, k0| AxisConfig { k0, integral_max: 100.0, ..axis };
         Self {
             x: start(flight.x, [2.0, 0.4, 2.5]),
             y: start(flight.y, [2.0, 0.4, 2.5]),
@@ -263,8 +260,6 @@ const HORIZONTAL: AxisConfig = AxisConfig {
         scale: 3.0,
     },
     raw: TABLE_2_X,
-    // Twelve metres at full tilt settle at 14 m/s: a far waypoint is approached, not dived at.
-    error_max: 12.0,
     integral_max: 10.0,
 };
 
@@ -281,7 +276,6 @@ const ALTITUDE: AxisConfig = AxisConfig {
         scale: TABLE_MASS_KG * GRAVITY_M_S2,
     },
     raw: TABLE_2_Z,
-    error_max: 10.0,
     // Three times hover, so that fixed gains can carry the weight on a third of the thrust.
     integral_max: 3.0 * TABLE_MASS_KG * GRAVITY_M_S2 / 10.0,
 };
@@ -299,7 +293,6 @@ const HEADING: AxisConfig = AxisConfig {
         scale: 0.1,
     },
     raw: TABLE_2_PSI,
-    error_max: core::f32::consts::PI,
     integral_max: 1.0,
 };
 

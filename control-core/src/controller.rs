@@ -14,9 +14,9 @@ use crate::allocation::{Allocator, Demand};
 use crate::attitude::{AttitudeInput, AttitudeLaw};
 use crate::config::{Cascade, Config, ConfigError};
 use crate::filter::LowPass;
-use crate::frames::{Body, Vec3};
+use crate::frames::{Body, Ned, Vec3};
 use crate::guidance::{Angles, Guidance, Inner, Outer};
-use crate::law::{AxisInput, AxisLaw, AxisState};
+use crate::law::{AxisInput, AxisLaw, AxisState, Law, Lesson};
 use crate::math::wrap_pi;
 use crate::signals::{Input, Output, Telemetry};
 use crate::yaw_guard::YawGuard;
@@ -25,30 +25,111 @@ use crate::{GRAVITY_M_S2, Mask, Scalar};
 /// Everything that changes in flight.
 #[derive(Clone, Copy, Debug)]
 pub struct State<S: Scalar = f32> {
-    axes: [AxisState<S>; 4],
+    axes: [AxisState<S>; AXES],
+    /// The axis that learns next.
+    turn: usize,
     tilt_integrals: [S::Sum; 2],
-    yaw_rate_rad_s: S,
-    refused_north_m_s2: S,
-    refused_east_m_s2: S,
     guard: YawGuard<S>,
+    tilt_setpoint_rad: [S; 2],
+    /// What the tilt limit refused, north and east, m/s².
+    refused_m_s2: [S; 2],
+    /// What the allocation refused.
+    refused: Demand<S>,
     output: Output<S>,
 }
 
 /// A checked configuration in the scalar that flies. Immutable: one may serve many states.
 #[derive(Clone, Debug)]
-pub struct Controller<S = f32> {
-    axes: [AxisLaw<S>; 4],
+pub struct Controller<S: Scalar = f32> {
+    axes: [AxisLaw<S>; AXES],
     roll: AttitudeLaw<S>,
     pitch: AttitudeLaw<S>,
     guidance: Guidance<S>,
     allocator: Allocator<S>,
+    /// Whether the axes learn in turn, or all in every tick.
+    in_turn: bool,
+    /// Whether the altitude integral moves far from the setpoint too.
+    always_integrates: S::Mask,
     cascade: Cascade,
-    inertia_kg_m2: Vec3<Body, S>,
+    coupling: Coupling<S>,
     weight_n: S,
     yaw_brake_nm_s: S,
     filter_rad_s: S,
     dt_s_range: (S, S),
 }
+
+/// ω × I ω for principal axes, which the rigid body adds and the flight cascade takes away again.
+#[derive(Clone, Debug)]
+struct Coupling<S> {
+    /// Iz − Iy, Ix − Iz, Iy − Ix; zero where nothing is fed forward.
+    differences_kg_m2: [S; 3],
+}
+
+impl<S: Scalar> Coupling<S> {
+    fn new(cascade: Cascade, [ix, iy, iz]: [f32; 3]) -> Self {
+        let differences = match cascade {
+            Cascade::Paper => [0.0; 3],
+            Cascade::Flight => [iz - iy, ix - iz, iy - ix],
+        };
+        Self { differences_kg_m2: differences.map(S::from_f32) }
+    }
+
+    fn torque_nm(&self, rate: Vec3<Body, S>) -> Vec3<Body, S> {
+        let [x, y, z] = self.differences_kg_m2;
+        Vec3::new(x * rate.y * rate.z, y * rate.z * rate.x, z * rate.x * rate.y)
+    }
+}
+
+/// What is wrong, before anything is done about it.
+struct Errors<S> {
+    position_m: Vec3<Ned, S>,
+    velocity_m_s: Vec3<Ned, S>,
+    acceleration_m_s2: Vec3<Ned, S>,
+    yaw_rad: S,
+    yaw_rate_rad_s: S,
+}
+
+/// Sum of squares above which a sample is taken for garbage: 20 km off, which no real one is. Q16.16 ends at 181 m.
+const PLAUSIBLE_MAX: f32 = 4e8;
+/// Difference from one at which the squared length of a row or column of the attitude is garbage.
+const CROOKED_MAX: f32 = 0.02;
+
+impl<S: Scalar> Errors<S> {
+    fn of(input: &Input<S>, angles: &Angles<S>) -> Self {
+        let setpoint = &input.setpoint;
+        let gravity = Vec3::new(S::ZERO, S::ZERO, S::from_f32(GRAVITY_M_S2));
+        let acceleration = input.attitude.to_ned(input.specific_force_m_s2) + gravity;
+        Self {
+            position_m: setpoint.position_m - input.position_m,
+            velocity_m_s: setpoint.velocity_m_s - input.velocity_m_s,
+            acceleration_m_s2: setpoint.acceleration_m_s2 - acceleration,
+            yaw_rad: wrap_pi(setpoint.yaw_rad - angles.yaw_rad),
+            yaw_rate_rad_s: setpoint.yaw_rate_rad_s - input.rate_rad_s.z,
+        }
+    }
+
+    /// Whether every number behind these errors is finite and of a size that can be true, and the attitude a rotation.
+    ///
+    /// One sum of squares shows all: NaN and infinity survive it, and every entry of the attitude is in the acceleration.
+    fn are_plausible(&self, input: &Input<S>) -> S::Mask {
+        let [[r11, ..], [r21, ..], [r31, r32, r33]] = input.attitude.rows;
+        let skew = Vec3::<Body, S>::new(r11, r21, r31).norm_squared() - S::ONE;
+        let stretch = Vec3::<Body, S>::new(r31, r32, r33).norm_squared() - S::ONE;
+        let crooked = (skew * skew + stretch * stretch) * S::from_f32(PLAUSIBLE_MAX / (CROOKED_MAX * CROOKED_MAX));
+        let sum = self.position_m.norm_squared()
+            + self.velocity_m_s.norm_squared()
+            + self.acceleration_m_s2.norm_squared()
+            + input.rate_rad_s.norm_squared()
+            + self.yaw_rad * self.yaw_rad
+            + self.yaw_rate_rad_s * self.yaw_rate_rad_s
+            + input.dt_s * input.dt_s
+            + crooked;
+        sum.lt(S::from_f32(PLAUSIBLE_MAX))
+    }
+}
+
+/// Adaptive axes: x, y, z, psi.
+const AXES: usize = 4;
 
 /// |e_z| below which the altitude integral moves, m: a climb does not wind it up.
 const INTEGRAL_GATE_M: f32 = 0.5;
@@ -62,10 +143,8 @@ impl<S: Scalar> Controller<S> {
         config.check_rates()?;
         let Config { airframe, law, cascade, yaw_turns_thrust, gains, control_hz, filter_hz } = *config;
         let s = S::from_f32;
-        let [ix, iy, iz] = airframe.inertia_kg_m2.map(s);
-        let flies = cascade == Cascade::Flight;
         Ok(Self {
-            allocator: Allocator::try_new(&airframe, flies)?,
+            allocator: Allocator::try_new(&airframe, cascade == Cascade::Flight)?,
             axes: [
                 AxisLaw::try_new("x", law, &gains.x)?,
                 AxisLaw::try_new("y", law, &gains.y)?,
@@ -75,8 +154,10 @@ impl<S: Scalar> Controller<S> {
             roll: AttitudeLaw::try_new("phi", &gains.phi)?,
             pitch: AttitudeLaw::try_new("theta", &gains.theta)?,
             guidance: Guidance::new(cascade, yaw_turns_thrust, airframe.mass_kg),
+            in_turn: law != Law::Raw,
+            always_integrates: S::Mask::splat(cascade == Cascade::Paper),
             cascade,
-            inertia_kg_m2: Vec3::new(ix, iy, iz),
+            coupling: Coupling::new(cascade, airframe.inertia_kg_m2),
             weight_n: s(airframe.weight_n()),
             yaw_brake_nm_s: s(gains.psi.k0[2]),
             filter_rad_s: s(core::f32::consts::TAU * filter_hz),
@@ -86,182 +167,150 @@ impl<S: Scalar> Controller<S> {
 
     /// The state of a level hover: starting gains, the weight carried, every rotor at a quarter of it.
     pub fn hover_state(&self) -> State<S> {
-        let carried = match self.cascade {
+        let carried_n = match self.cascade {
             Cascade::Paper => S::ZERO,
             Cascade::Flight => self.weight_n,
         };
-        let commands = [S::ZERO, S::ZERO, carried, S::ZERO];
         let [x, y, z, psi] = &self.axes;
-        let [cx, cy, cz, cpsi] = commands;
         State {
-            axes: [x.state(cx), y.state(cy), z.state(cz), psi.state(cpsi)],
+            axes: [x.state(S::ZERO), y.state(S::ZERO), z.state(carried_n), psi.state(S::ZERO)],
+            turn: 0,
             tilt_integrals: [S::ZERO.to_sum(); 2],
-            yaw_rate_rad_s: S::ZERO,
-            refused_north_m_s2: S::ZERO,
-            refused_east_m_s2: S::ZERO,
             guard: YawGuard::new(),
-            output: Output {
-                thrust_n: [self.weight_n * S::from_f32(0.25); 4],
-                telemetry: Telemetry {
-                    axes: [x.output(cx), y.output(cy), z.output(cz), psi.output(cpsi)],
-                    angles_rad: [S::ZERO; 3],
-                    tilt_setpoint_rad: [S::ZERO; 2],
-                    demand: Demand { thrust_n: self.weight_n, ..Demand::NOTHING },
-                    refused: Demand::NOTHING,
-                    yaw_guard: S::Mask::splat(false),
-                },
-                rejected: false,
-            },
+            tilt_setpoint_rad: [S::ZERO; 2],
+            refused_m_s2: [S::ZERO; 2],
+            refused: Demand::NOTHING,
+            output: Output { thrust_n: [self.weight_n * S::from_f32(0.25); 4], rejected: false },
+        }
+    }
+
+    /// What the last tick thought.
+    pub fn telemetry(&self, state: &State<S>) -> Telemetry<S> {
+        let [x, y, z, psi] = &self.axes;
+        let [sx, sy, sz, spsi] = &state.axes;
+        Telemetry {
+            axes: [x.telemetry(sx), y.telemetry(sy), z.telemetry(sz), psi.telemetry(spsi)],
+            tilt_setpoint_rad: state.tilt_setpoint_rad,
+            refused: state.refused,
+            yaw_guard: state.guard.is_braking(),
         }
     }
 
     /// Runs the whole controller once.
     ///
     /// - `state`: of this controller, from [`Self::hover_state`] or the last tick.
-    /// - Returns thrusts and telemetry, which live in the state until the next tick.
+    /// - Returns the thrusts, which live in the state until the next tick; see [`Self::telemetry`] for the rest.
     ///
     /// A sample that is not plausible leaves the state and the thrusts as they were and sets [`Output::rejected`].
     /// A vector of flights is held as one: whoever batches them takes a flight that is lost out of the batch.
     pub fn tick<'a>(&self, state: &'a mut State<S>, input: &Input<S>) -> &'a Output<S> {
-        state.output.rejected = !input.is_plausible().all();
+        let angles = Angles::of(&input.attitude);
+        let errors = Errors::of(input, &angles);
+        state.output.rejected = !errors.are_plausible(input).all();
         if !state.output.rejected {
-            self.advance(state, input);
+            self.advance(state, input, &angles, &errors);
         }
         &state.output
     }
 
-    fn advance(&self, state: &mut State<S>, input: &Input<S>) {
+    fn advance(&self, state: &mut State<S>, input: &Input<S>, angles: &Angles<S>, errors: &Errors<S>) {
         let dt_s = input.dt_s.clamp(self.dt_s_range.0, self.dt_s_range.1);
-        let low_pass = LowPass::new(self.filter_rad_s, dt_s);
-        let angles = Angles::of(&input.attitude);
-
-        let outer = self.outer(state, input, &angles, &low_pass);
-        let inner = self.guidance.convert(&outer, &angles);
-        let demand = self.inner(state, input, &angles, &inner, dt_s);
-        let allocation = self.allocator.allocate(&demand);
-
-        state.refused_north_m_s2 = inner.refused_north_m_s2;
-        state.refused_east_m_s2 = inner.refused_east_m_s2;
+        let (outer, heading_nm) = self.outer(state, input.rate_rad_s, errors, dt_s);
+        let inner = self.guidance.convert(&outer, angles);
+        let torque = self.inner(state, input.rate_rad_s, angles, &inner, dt_s);
+        let allocation = self.allocator.allocate(&Demand {
+            thrust_n: inner.thrust_n,
+            roll_nm: torque.x,
+            pitch_nm: torque.y,
+            yaw_nm: torque.z + heading_nm,
+        });
+        state.tilt_setpoint_rad = [inner.roll_rad, inner.pitch_rad];
+        state.refused_m_s2 = [inner.refused_north_m_s2, inner.refused_east_m_s2];
+        state.refused = allocation.refused;
         state.output.thrust_n = allocation.thrust_n;
-        let telemetry = &mut state.output.telemetry;
-        telemetry.angles_rad = [angles.roll_rad, angles.pitch_rad, angles.yaw_rad];
-        telemetry.tilt_setpoint_rad = [inner.roll_rad, inner.pitch_rad];
-        telemetry.demand = demand;
-        telemetry.refused = allocation.refused;
     }
 
-    /// The four adaptive axes: accelerations north and east, force up; the yaw torque stays in the telemetry.
-    fn outer(&self, state: &mut State<S>, input: &Input<S>, angles: &Angles<S>, low_pass: &LowPass<S>) -> Outer<S> {
-        let setpoint = &input.setpoint;
-        let gravity = Vec3::new(S::ZERO, S::ZERO, S::from_f32(GRAVITY_M_S2));
-        let acceleration = input.attitude.to_ned(input.specific_force_m_s2) + gravity;
-        let error = setpoint.position_m - input.position_m;
-        let error_rate = setpoint.velocity_m_s - input.velocity_m_s;
-        let error_accel = setpoint.acceleration_m_s2 - acceleration;
-
-        let yaw_error = wrap_pi(setpoint.yaw_rad - angles.yaw_rad);
-        let yaw_accel = low_pass.step(&mut state.yaw_rate_rad_s, input.rate_rad_s.z);
-        let refused = state.output.telemetry.refused;
-        let braking = self.braking(state, yaw_error, input.rate_rad_s.z, refused.yaw_nm, low_pass.dt_s());
-        state.output.telemetry.yaw_guard = braking;
-
-        let always = S::Mask::splat(true);
-        let horizontal = |error, error_rate, error_accel, refused| AxisInput {
-            error,
-            error_rate,
-            error_accel,
-            refused,
-            integrate: always,
-            adapt: always,
+    /// The four adaptive axes: accelerations north and east, force up; and the yaw torque.
+    fn outer(&self, state: &mut State<S>, rate: Vec3<Body, S>, errors: &Errors<S>, dt_s: S) -> (Outer<S>, S) {
+        let low_pass = LowPass::new(self.filter_rad_s, dt_s);
+        let Errors { position_m: e, velocity_m_s: v, acceleration_m_s2: a, yaw_rad, yaw_rate_rad_s } = *errors;
+        let [x, y, z, psi] = &self.axes;
+        let [x_state, y_state, z_state, psi_state] = &mut state.axes;
+        let input = |error, error_rate, error_accel| AxisInput { error, error_rate, error_accel };
+        let outer = Outer {
+            north_m_s2: x.command(x_state, &input(e.x, v.x, Some(a.x)), &low_pass),
+            east_m_s2: y.command(y_state, &input(e.y, v.y, Some(a.y)), &low_pass),
+            up_n: z.command(z_state, &input(-e.z, -v.z, Some(-a.z)), &low_pass),
         };
-        let inputs = [
-            horizontal(error.x, error_rate.x, error_accel.x, state.refused_north_m_s2),
-            horizontal(error.y, error_rate.y, error_accel.y, state.refused_east_m_s2),
-            AxisInput {
-                error: -error.z,
-                error_rate: -error_rate.z,
-                error_accel: -error_accel.z,
-                refused: refused.thrust_n,
-                integrate: error.z.abs().lt(S::from_f32(INTEGRAL_GATE_M)) | self.is_paper(),
-                adapt: always,
-            },
-            AxisInput {
-                error: yaw_error,
-                error_rate: setpoint.yaw_rate_rad_s - input.rate_rad_s.z,
-                error_accel: -yaw_accel,
-                refused: refused.yaw_nm,
-                integrate: !braking,
-                adapt: !braking,
-            },
-        ];
-        let axes = &mut state.output.telemetry.axes;
-        for (((law, state), input), output) in self.axes.iter().zip(&mut state.axes).zip(&inputs).zip(&mut *axes) {
-            law.step(state, input, low_pass, output);
-        }
-        let [x, y, z, _] = axes;
-        Outer { north_m_s2: x.command, east_m_s2: y.command, up_n: z.command }
+        let heading_nm = psi.command(psi_state, &input(yaw_rad, yaw_rate_rad_s, None), &low_pass);
+        let braking = self.braking(state, yaw_rad, rate.z, dt_s);
+        self.learn(state, errors, braking, dt_s);
+        (outer, S::select(braking, -self.yaw_brake_nm_s * rate.z, heading_nm))
     }
 
-    /// Roll and pitch torques, and the yaw torque of the heading law or of the guard.
-    fn inner(
-        &self,
-        state: &mut State<S>,
-        input: &Input<S>,
-        angles: &Angles<S>,
-        setpoint: &Inner<S>,
-        dt_s: S,
-    ) -> Demand<S> {
-        let Output { telemetry, .. } = &state.output;
-        let rate = input.rate_rad_s;
-        let [roll_integral, pitch_integral] = &mut state.tilt_integrals;
-        let roll_nm = self.roll.step(
-            roll_integral,
-            &AttitudeInput {
-                error_rad: wrap_pi(setpoint.roll_rad - angles.roll_rad),
-                rate_rad_s: rate.x,
-                refused_nm: telemetry.refused.roll_nm,
-                dt_s,
-            },
-        );
-        let pitch_nm = self.pitch.step(
-            pitch_integral,
-            &AttitudeInput {
-                error_rad: setpoint.pitch_rad - angles.pitch_rad,
-                rate_rad_s: rate.y,
-                refused_nm: telemetry.refused.pitch_nm,
-                dt_s,
-            },
-        );
-        let [.., heading] = &telemetry.axes;
-        let yaw_nm = S::select(telemetry.yaw_guard, -self.yaw_brake_nm_s * rate.z, heading.command);
-        let coupling = self.coupling(rate);
-        Demand {
-            thrust_n: setpoint.thrust_n,
-            roll_nm: roll_nm + coupling.x,
-            pitch_nm: pitch_nm + coupling.y,
-            yaw_nm: yaw_nm + coupling.z,
-        }
-    }
-
-    /// ω × I ω, which the rigid body adds and the flight cascade takes away again.
-    fn coupling(&self, rate: Vec3<Body, S>) -> Vec3<Body, S> {
-        match self.cascade {
-            Cascade::Paper => Vec3::zero(),
-            Cascade::Flight => {
-                let i = self.inertia_kg_m2;
-                rate.cross(Vec3::new(i.x * rate.x, i.y * rate.y, i.z * rate.z))
+    /// The slow part of the axes: one a tick in turn, by the time since its last turn; under the paper's law all of
+    /// them, as printed.
+    fn learn(&self, state: &mut State<S>, errors: &Errors<S>, braking: S::Mask, dt_s: S) {
+        if self.in_turn {
+            let turn = state.turn % AXES;
+            state.turn = turn + 1;
+            self.learn_axis(turn, state, errors, braking, dt_s * S::from_f32(AXES as f32));
+        } else {
+            for axis in 0..AXES {
+                self.learn_axis(axis, state, errors, braking, dt_s);
             }
         }
     }
 
-    fn braking(&self, state: &mut State<S>, error_rad: S, rate_rad_s: S, refused_nm: S, dt_s: S) -> S::Mask {
-        match self.cascade {
-            Cascade::Paper => S::Mask::splat(false),
-            Cascade::Flight => state.guard.step(error_rad, rate_rad_s, refused_nm, dt_s),
+    /// The slow part of one axis, x, y, z or psi. Heading learns nothing while the guard brakes.
+    fn learn_axis(&self, axis: usize, state: &mut State<S>, errors: &Errors<S>, braking: S::Mask, since_s: S) {
+        let error = errors.position_m;
+        let lesson = |error, refused| Lesson { error, refused, integrate: S::Mask::splat(true), dt_s: since_s };
+        let lesson = match axis {
+            0 => lesson(error.x, state.refused_m_s2[0]),
+            1 => lesson(error.y, state.refused_m_s2[1]),
+            2 => Lesson {
+                integrate: error.z.abs().lt(S::from_f32(INTEGRAL_GATE_M)) | self.always_integrates,
+                ..lesson(-error.z, state.refused.thrust_n)
+            },
+            _ => Lesson { dt_s: S::select(braking, S::ZERO, since_s), ..lesson(errors.yaw_rad, state.refused.yaw_nm) },
+        };
+        if let (Some(law), Some(state)) = (self.axes.get(axis), state.axes.get_mut(axis)) {
+            law.learn(state, &lesson);
         }
     }
 
-    fn is_paper(&self) -> S::Mask {
-        S::Mask::splat(self.cascade == Cascade::Paper)
+    /// Roll and pitch torques, and what the body's coupling wants on all three axes.
+    fn inner(
+        &self,
+        state: &mut State<S>,
+        rate: Vec3<Body, S>,
+        angles: &Angles<S>,
+        setpoint: &Inner<S>,
+        dt_s: S,
+    ) -> Vec3<Body, S> {
+        let [roll_integral, pitch_integral] = &mut state.tilt_integrals;
+        let roll = AttitudeInput {
+            error_rad: setpoint.roll_rad - angles.roll_rad,
+            rate_rad_s: rate.x,
+            refused_nm: state.refused.roll_nm,
+            dt_s,
+        };
+        let pitch = AttitudeInput {
+            error_rad: setpoint.pitch_rad - angles.pitch_rad,
+            rate_rad_s: rate.y,
+            refused_nm: state.refused.pitch_nm,
+            dt_s,
+        };
+        let roll_nm = self.roll.step(roll_integral, &roll);
+        let pitch_nm = self.pitch.step(pitch_integral, &pitch);
+        Vec3::new(roll_nm, pitch_nm, S::ZERO) + self.coupling.torque_nm(rate)
+    }
+
+    fn braking(&self, state: &mut State<S>, error_rad: S, rate_rad_s: S, dt_s: S) -> S::Mask {
+        match self.cascade {
+            Cascade::Paper => S::Mask::splat(false),
+            Cascade::Flight => state.guard.step(error_rad, rate_rad_s, state.refused.yaw_nm, dt_s),
+        }
     }
 }

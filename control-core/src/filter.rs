@@ -21,11 +21,6 @@ impl<S: Scalar> LowPass<S> {
         Self { slope_per_s: corner_rad_s / (S::ONE + corner_rad_s * dt_s), dt_s }
     }
 
-    /// The step these coefficients are for, s.
-    pub(crate) fn dt_s(&self) -> S {
-        self.dt_s
-    }
-
     /// Moves `y` towards `x`; returns the slope of `y`, in units of `y` per second.
     pub(crate) fn step(&self, y: &mut S, x: S) -> S {
         let slope = self.slope_per_s * (x - *y);

@@ -61,9 +61,9 @@ impl<F: Copy, S: Scalar> Vec3<F, S> {
         Vec3::new(f(self.x), f(self.y), f(self.z))
     }
 
-    /// Sum of the components' magnitudes; NaN or infinite if one of them is.
-    pub(crate) fn norm_l1(self) -> S {
-        self.x.abs() + self.y.abs() + self.z.abs()
+    /// Square of the length; NaN or infinite if a component is.
+    pub(crate) fn norm_squared(self) -> S {
+        self.x * self.x + self.y * self.y + self.z * self.z
     }
 }
 
@@ -120,10 +120,5 @@ impl<S: Scalar> Attitude<S> {
     pub fn to_ned(&self, v: Vec3<Body, S>) -> Vec3<Ned, S> {
         let row = |r: [S; 3]| r[0] * v.x + r[1] * v.y + r[2] * v.z;
         Vec3::new(row(self.rows[0]), row(self.rows[1]), row(self.rows[2]))
-    }
-
-    /// Sum of the entries' magnitudes; NaN or infinite if one of them is.
-    pub(crate) fn norm_l1(&self) -> S {
-        self.rows.as_flattened().iter().fold(S::ZERO, |sum, entry| sum + entry.abs())
     }
 }

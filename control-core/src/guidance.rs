@@ -12,19 +12,19 @@
 //! Source: CONTROL_LAW, errata and "Law A"; axis order and signs as there.
 use crate::config::Cascade;
 use crate::frames::Attitude;
-use crate::math::{asin, atan2};
+use crate::math::{SINE_MAX, asin_and_cos, atan2};
 use crate::{GRAVITY_M_S2, Scalar};
 
 /// Sine of the largest tilt setpoint in flight, 0.5 rad.
 const SIN_TILT_MAX: f32 = 0.479_425_54;
 /// Sine of the largest tilt setpoint of the paper's set-up, 1.2 rad.
 const PAPER_SIN_TILT_MAX: f32 = 0.932_039_1;
+/// Carries the sine of roll beyond its limit when the body is upside down, unless it is exactly so.
+const UPSIDE_DOWN: f32 = 1e3;
 /// Smallest share of the thrust taken to point up.
 const UPRIGHT_MIN: f32 = 0.5;
 /// Smallest thrust over weight by which the paper's set-up divides.
 const PAPER_LOAD_MIN: f32 = 0.3;
-/// Smallest squared cosine of pitch the heading is computed with: 85 degrees nose up.
-const COS2_MIN: f32 = 0.0076;
 
 /// Attitude as the laws use it.
 #[derive(Clone, Copy, Debug)]
@@ -39,19 +39,18 @@ pub(crate) struct Angles<S> {
 }
 
 impl<S: Scalar> Angles<S> {
-    /// ZYX angles of `attitude`; beyond 85 degrees of pitch heading and roll lose meaning but stay finite.
+    /// ZYX angles of `attitude`, a rotation. Roll beyond 72 degrees is held there, upside down too: what is asked of the
+    /// body is then the same, all the torque back. At 90 degrees of pitch roll and heading lose their meaning.
     pub(crate) fn of(attitude: &Attitude<S>) -> Self {
         let [[r11, ..], [r21, ..], [r31, r32, r33]] = attitude.rows;
-        let cos_pitch = (r11 * r11 + r21 * r21).max(S::from_f32(COS2_MIN)).sqrt();
+        let (pitch_rad, cos_pitch) = asin_and_cos(-r31);
         let inverse = S::ONE / cos_pitch;
-        Self {
-            roll_rad: atan2(r32, r33),
-            pitch_rad: atan2(-r31, cos_pitch),
-            yaw_rad: atan2(r21, r11),
-            cos_yaw: r11 * inverse,
-            sin_yaw: r21 * inverse,
-            upright: r33,
-        }
+        let (cos_yaw, sin_yaw) = (r11 * inverse, r21 * inverse);
+        let sin_roll = r32 * inverse;
+        let beyond = sin_roll * S::from_f32(UPSIDE_DOWN);
+        let limit = S::from_f32(SINE_MAX);
+        let (roll_rad, _) = asin_and_cos(S::select(r33.lt(S::ZERO), beyond, sin_roll).clamp(-limit, limit));
+        Self { roll_rad, pitch_rad, yaw_rad: atan2(sin_yaw, cos_yaw), cos_yaw, sin_yaw, upright: r33 }
     }
 }
 
@@ -127,14 +126,15 @@ impl<S: Scalar> Guidance<S> {
         let refused_right = (wanted - sin_roll) * per_mass_m_s2;
 
         // Away from zero: |sin_roll| is at most the sine of the tilt limit.
-        let reach = per_mass_m_s2 * (S::ONE - sin_roll * sin_roll).sqrt();
+        let (roll_rad, cos_roll) = asin_and_cos(sin_roll);
+        let reach = per_mass_m_s2 * cos_roll;
         let wanted = forward / reach;
         let sin_pitch = wanted.clamp(-limit, limit);
         let refused_forward = (wanted - sin_pitch) * reach;
 
         Inner {
-            roll_rad: asin(sin_roll),
-            pitch_rad: -asin(sin_pitch),
+            roll_rad,
+            pitch_rad: -asin_and_cos(sin_pitch).0,
             thrust_n,
             refused_north_m_s2: cos * refused_forward - sin * refused_right,
             refused_east_m_s2: sin * refused_forward + cos * refused_right,

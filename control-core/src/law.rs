@@ -1,7 +1,7 @@
 //! The law of one outer axis: error and its derivatives in, command out.
 //!
 //! ```text
-//! u = k · Π        Π = (e, ∫e, ė)        s = ė + λ e        V = s²/2
+//! u = k · Π        Π = (e, ∫e, ė)        s = ė + λ e        V = s²/2        k_j = κ_j k0_j
 //! ```
 //!
 //! | law            | what moves the gains                              | module  |
@@ -10,8 +10,14 @@
 //! | [`Law::Raw`]   | the paper's eq 23 and Table 2, exactly as printed | `raw`   |
 //! | [`Law::Lgs`]   | the robust law, bounded and leaking               | `lgs`   |
 //!
-//! Shared by all three: ė through a one-pole low-pass, and an integrator that stops while it pushes further into
-//! saturation. Invariants: |∫e| is bounded; under `Lgs` every gain is within [0.4, 3] times its start.
+//! A gain is kept as its ratio κ to the start, which is near 1 on every axis: the same bounds serve all, and fixed
+//! point resolves all alike. Shared by all three laws: ė through a one-pole low-pass, and an integrator that stops
+//! while it pushes further into saturation.
+//!
+//! A tick has a fast part, [`AxisLaw::command`], and a slow one, [`AxisLaw::learn`]: gains and integrals move over
+//! tenths of a second, so that the axes may learn in turn, each by the time since its last turn.
+//!
+//! Invariants: |∫e| is bounded; under `Lgs` every κ is within [0.4, 3].
 use crate::Scalar;
 use crate::config::{AxisConfig, ConfigError};
 use crate::filter::LowPass;
@@ -35,43 +41,77 @@ pub enum Law {
 
 /// What an axis sees in one tick.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct AxisInput<S: Scalar> {
+pub(crate) struct AxisInput<S> {
     /// Setpoint less measurement, e.
     pub(crate) error: S,
     /// ė, per second.
     pub(crate) error_rate: S,
-    /// ë, per second squared.
-    pub(crate) error_accel: S,
+    /// ë, per second squared; where nothing measures it, the slope of the filtered ė.
+    pub(crate) error_accel: Option<S>,
+}
+
+/// What the slow part of an axis learns from.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lesson<S: Scalar> {
+    /// Setpoint less measurement, e.
+    pub(crate) error: S,
     /// What the last tick refused of the command; its sign is the direction that is saturated.
     pub(crate) refused: S,
     /// Whether ∫e may move.
     pub(crate) integrate: S::Mask,
-    /// Whether the gains may move.
-    pub(crate) adapt: S::Mask,
+    /// Time since the last lesson, s; zero if nothing is to be learnt.
+    pub(crate) dt_s: S,
 }
 
 /// What an axis remembers.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct AxisState<S: Scalar> {
-    gains: [S::Sum; 3],
+    /// κ = k / k0.
+    ratios: [S::Sum; 3],
     integral: S::Sum,
     error_rate: S,
     error_accel: S,
+    /// s of the last tick.
+    s: S,
+    /// u of the last tick.
+    command: S,
 }
 
-/// What an axis says in one tick.
+/// What an axis thought in the last tick, for logs.
 #[derive(Clone, Copy, Debug)]
-pub struct AxisOutput<S: Scalar = f32> {
+pub struct AxisTelemetry<S = f32> {
     /// The command u: m/s² for x and y, N for z, N m for heading.
     pub command: S,
-    /// The gains (k_p, k_i, k_d) behind it.
+    /// The gains (k_p, k_i, k_d).
     pub gains: [S; 3],
+    /// The gains over those at the start.
+    pub gain_ratios: [S; 3],
     /// Filtered error s = ė + λ e.
     pub s: S,
-    /// Lyapunov function candidate V = s²/2.
-    pub v: S,
-    /// Whether each gain sits on one of its bounds: the projection is at work.
-    pub at_bound: [S::Mask; 3],
+}
+
+impl<S: Scalar> AxisTelemetry<S> {
+    /// Lyapunov function candidate V = s²/2 (the paper's eq 16).
+    pub fn v(&self) -> S {
+        S::from_f32(0.5) * self.s * self.s
+    }
+
+    /// Whether each gain sits on a bound of the robust law: the projection is at work.
+    pub fn at_bound(&self) -> [S::Mask; 3] {
+        let (low, high) = (S::from_f32(GAIN_RATIO_MIN), S::from_f32(GAIN_RATIO_MAX));
+        self.gain_ratios.map(|ratio| !(low.lt(ratio) & ratio.lt(high)))
+    }
+
+    /// The same in the format of logs.
+    pub fn to_f32(&self) -> AxisTelemetry {
+        let f = S::to_f32;
+        AxisTelemetry {
+            command: f(self.command),
+            gains: self.gains.map(f),
+            gain_ratios: self.gain_ratios.map(f),
+            s: f(self.s),
+        }
+    }
 }
 
 /// What moves the gains.
@@ -85,8 +125,8 @@ enum Adaptation<S> {
 /// One axis, configured.
 #[derive(Clone, Debug)]
 pub(crate) struct AxisLaw<S> {
+    /// k0.
     start: [S; 3],
-    error_max: S,
     integral_max: S,
     lambda: S,
     adaptation: Adaptation<S>,
@@ -97,6 +137,8 @@ pub(crate) struct AxisLaw<S> {
 struct Regressor<S> {
     /// Π = (e, ∫e, ė).
     pi: [S; 3],
+    /// k0_j Π_j: what each starting gain commands.
+    terms: [S; 3],
     /// ë.
     error_accel: S,
     /// s = ė + λ e.
@@ -107,15 +149,13 @@ impl<S: Scalar> AxisLaw<S> {
     /// The law of one axis; `name` leads the field names of errors.
     pub(crate) fn try_new(name: &'static str, law: Law, config: &AxisConfig) -> Result<Self, ConfigError> {
         config.check(name, law)?;
-        let start = config.k0.map(S::from_f32);
         Ok(Self {
-            start,
-            error_max: S::from_f32(config.error_max),
+            start: config.k0.map(S::from_f32),
             integral_max: S::from_f32(config.integral_max),
             lambda: S::from_f32(config.lgs.lambda),
             adaptation: match law {
                 Law::Pid => Adaptation::Fixed,
-                Law::Raw => Adaptation::Raw(raw::Raw::new(&config.raw)),
+                Law::Raw => Adaptation::Raw(raw::Raw::new(&config.raw, &config.k0)),
                 Law::Lgs => Adaptation::Lgs(lgs::Lgs::new(&config.lgs, &config.k0)),
             },
         })
@@ -123,64 +163,58 @@ impl<S: Scalar> AxisLaw<S> {
 
     /// At rest with the starting gains, commanding `command` through the integral.
     pub(crate) fn state(&self, command: S) -> AxisState<S> {
+        let [_, ki, _] = self.start;
         AxisState {
-            gains: self.start.map(S::to_sum),
-            integral: (command / self.start[1]).to_sum(),
+            ratios: [S::ONE.to_sum(); 3],
+            integral: (command / ki).to_sum(),
             error_rate: S::ZERO,
             error_accel: S::ZERO,
+            s: S::ZERO,
+            command,
         }
     }
 
-    /// What [`Self::state`] says before its first tick.
-    pub(crate) fn output(&self, command: S) -> AxisOutput<S> {
-        AxisOutput { command, gains: self.start, s: S::ZERO, v: S::ZERO, at_bound: [crate::Mask::splat(false); 3] }
+    /// What the state says for logs.
+    pub(crate) fn telemetry(&self, state: &AxisState<S>) -> AxisTelemetry<S> {
+        let gain_ratios = state.ratios.map(S::from_sum);
+        let ([p, i, d], [rp, ri, rd]) = (self.start, gain_ratios);
+        AxisTelemetry { command: state.command, gains: [p * rp, i * ri, d * rd], gain_ratios, s: state.s }
     }
 
-    /// One tick: filter, integrate, adapt, command.
-    pub(crate) fn step(
-        &self,
-        state: &mut AxisState<S>,
-        input: &AxisInput<S>,
-        low_pass: &LowPass<S>,
-        output: &mut AxisOutput<S>,
-    ) {
-        let error = input.error.clamp(-self.error_max, self.error_max);
-        low_pass.step(&mut state.error_rate, input.error_rate);
-        low_pass.step(&mut state.error_accel, input.error_accel);
+    /// The fast part of a tick: filters the errors and commands with the present gains. Returns u.
+    pub(crate) fn command(&self, state: &mut AxisState<S>, input: &AxisInput<S>, low_pass: &LowPass<S>) -> S {
+        let slope = low_pass.step(&mut state.error_rate, input.error_rate);
+        low_pass.step(&mut state.error_accel, input.error_accel.unwrap_or(slope));
+        let Regressor { terms: [p, i, d], s, .. } = self.regressor(state, input.error);
+        let [rp, ri, rd] = state.ratios.map(S::from_sum);
+        state.s = s;
+        state.command = rp * p + ri * i + rd * d;
+        state.command
+    }
 
-        let stuck = S::ZERO.lt(input.refused * error) | !input.integrate;
-        let rate = S::select(stuck, S::ZERO, error);
+    /// The slow part: moves ∫e, then the gains, by what the last tick teaches.
+    pub(crate) fn learn(&self, state: &mut AxisState<S>, lesson: &Lesson<S>) {
+        let stuck = S::ZERO.lt(lesson.refused * lesson.error) | !lesson.integrate;
+        let rate = S::select(stuck, S::ZERO, lesson.error);
         let bounds = (-self.integral_max, self.integral_max);
-        state.integral = S::integrate(state.integral, rate, low_pass.dt_s(), bounds);
+        state.integral = S::integrate(state.integral, rate, lesson.dt_s, bounds);
 
-        let regressor = Regressor {
-            pi: [error, S::from_sum(state.integral), state.error_rate],
-            error_accel: state.error_accel,
-            s: state.error_rate + self.lambda * error,
-        };
+        let regressor = self.regressor(state, lesson.error);
         match &self.adaptation {
             Adaptation::Fixed => {}
-            Adaptation::Raw(law) => law.adapt(&mut state.gains, &regressor, low_pass.dt_s()),
-            Adaptation::Lgs(law) => {
-                law.adapt(&mut state.gains, &regressor, input, low_pass.dt_s());
-            }
+            Adaptation::Raw(law) => law.adapt(&mut state.ratios, &regressor, lesson.dt_s),
+            Adaptation::Lgs(law) => law.adapt(&mut state.ratios, &regressor, lesson),
         }
-        let gains = state.gains.map(S::from_sum);
-        let [kp, ki, kd] = gains;
-        let [e, integral, e_rate] = regressor.pi;
-        *output = AxisOutput {
-            command: kp * e + ki * integral + kd * e_rate,
-            gains,
-            s: regressor.s,
-            v: S::from_f32(0.5) * regressor.s * regressor.s,
-            at_bound: self.at_bound(gains),
-        };
     }
 
-    fn at_bound(&self, gains: [S; 3]) -> [S::Mask; 3] {
-        match &self.adaptation {
-            Adaptation::Lgs(law) => law.at_bound(gains),
-            Adaptation::Fixed | Adaptation::Raw(_) => [crate::Mask::splat(false); 3],
+    fn regressor(&self, state: &AxisState<S>, error: S) -> Regressor<S> {
+        let pi = [error, S::from_sum(state.integral), state.error_rate];
+        let [kp, ki, kd] = self.start;
+        Regressor {
+            pi,
+            terms: [kp * pi[0], ki * pi[1], kd * pi[2]],
+            error_accel: state.error_accel,
+            s: state.error_rate + self.lambda * error,
         }
     }
 }

@@ -44,7 +44,7 @@ pub use allocation::{Allocation, Allocator, Demand};
 pub use attitude::AttitudeGains;
 pub use config::{AxisConfig, Cascade, Config, ConfigError, Gains};
 pub use controller::{Controller, State};
-pub use law::{AxisOutput, Law};
+pub use law::{AxisTelemetry, Law};
 #[cfg(feature = "fixed")]
 pub use scalar::fixed::Q16;
 pub use scalar::{Mask, Scalar};

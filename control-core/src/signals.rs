@@ -1,7 +1,7 @@
 //! What goes into a tick and what comes out of it.
 use crate::allocation::Demand;
 use crate::frames::{Attitude, Body, Ned, Vec3};
-use crate::law::AxisOutput;
+use crate::law::AxisTelemetry;
 use crate::{GRAVITY_M_S2, Mask, Scalar};
 
 /// Where to be and how to move there.
@@ -37,9 +37,6 @@ pub struct Input<S = f32> {
     /// Where to be.
     pub setpoint: Setpoint<S>,
 }
-
-/// Sum of magnitudes above which a sample is taken for garbage: no real one comes near, and Q16.16 still holds it.
-const PLAUSIBLE_MAX: f32 = 2e4;
 
 impl<S: Scalar> Input<S> {
     /// Level and still at the origin, told to stay there, at 500 Hz.
@@ -82,23 +79,6 @@ impl<S: Scalar> Input<S> {
             },
         }
     }
-
-    /// Whether every number is finite and of a size that can be true. One sum shows all: NaN and infinity survive it.
-    pub(crate) fn is_plausible(&self) -> S::Mask {
-        let setpoint = &self.setpoint;
-        let sum = self.dt_s.abs()
-            + self.position_m.norm_l1()
-            + self.velocity_m_s.norm_l1()
-            + self.attitude.norm_l1()
-            + self.rate_rad_s.norm_l1()
-            + self.specific_force_m_s2.norm_l1()
-            + setpoint.position_m.norm_l1()
-            + setpoint.velocity_m_s.norm_l1()
-            + setpoint.acceleration_m_s2.norm_l1()
-            + setpoint.yaw_rad.abs()
-            + setpoint.yaw_rate_rad_s.abs();
-        sum.lt(S::from_f32(PLAUSIBLE_MAX))
-    }
 }
 
 /// The axes an adaptive law commands, in the order of [`Telemetry::axes`].
@@ -114,56 +94,44 @@ pub enum Axis {
     Psi,
 }
 
-/// What a tick thought, for logs.
+/// What the last tick thought, for logs.
 #[derive(Clone, Copy, Debug)]
 pub struct Telemetry<S: Scalar = f32> {
-    /// Gains, s, V and bounds of x, y, z and psi: see [`Axis`].
-    pub axes: [AxisOutput<S>; 4],
-    /// Measured roll, pitch and heading, rad.
-    pub angles_rad: [S; 3],
+    /// Commands, gains and s of x, y, z and psi: see [`Axis`].
+    pub axes: [AxisTelemetry<S>; 4],
     /// Setpoints of roll and pitch, rad.
     pub tilt_setpoint_rad: [S; 2],
-    /// What the allocation was asked for.
-    pub demand: Demand<S>,
-    /// What it refused.
+    /// What the allocation refused.
     pub refused: Demand<S>,
     /// Whether the yaw guard only brakes.
     pub yaw_guard: S::Mask,
 }
 
+impl<S: Scalar> Telemetry<S> {
+    /// The same in the format of logs.
+    pub fn to_f32(&self) -> Telemetry {
+        let f = S::to_f32;
+        Telemetry {
+            axes: self.axes.map(|axis| axis.to_f32()),
+            tilt_setpoint_rad: self.tilt_setpoint_rad.map(f),
+            refused: self.refused.map(f),
+            yaw_guard: self.yaw_guard.all(),
+        }
+    }
+}
+
 /// Result of a tick.
-#[derive(Clone, Copy, Debug)]
-pub struct Output<S: Scalar = f32> {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Output<S = f32> {
     /// Thrust of each rotor, N, in airframe order.
     pub thrust_n: [S; 4],
-    /// What led to it.
-    pub telemetry: Telemetry<S>,
-    /// Whether the sample was refused as implausible, and everything else is that of the last good one.
+    /// Whether the sample was refused as implausible, and the thrusts are those of the last good one.
     pub rejected: bool,
 }
 
 impl<S: Scalar> Output<S> {
-    /// The same result in the format of logs.
+    /// The same in the format of logs.
     pub fn to_f32(&self) -> Output {
-        let f = S::to_f32;
-        let Telemetry { axes, angles_rad, tilt_setpoint_rad, demand, refused, yaw_guard } = &self.telemetry;
-        Output {
-            thrust_n: self.thrust_n.map(f),
-            telemetry: Telemetry {
-                axes: axes.map(|axis| AxisOutput {
-                    command: f(axis.command),
-                    gains: axis.gains.map(f),
-                    s: f(axis.s),
-                    v: f(axis.v),
-                    at_bound: axis.at_bound.map(Mask::all),
-                }),
-                angles_rad: angles_rad.map(f),
-                tilt_setpoint_rad: tilt_setpoint_rad.map(f),
-                demand: demand.map(f),
-                refused: refused.map(f),
-                yaw_guard: yaw_guard.all(),
-            },
-            rejected: self.rejected,
-        }
+        Output { thrust_n: self.thrust_n.map(S::to_f32), rejected: self.rejected }
     }
 }

@@ -24,6 +24,11 @@ impl<S: Scalar> YawGuard<S> {
         Self { braking: S::Mask::splat(false), saturated_s: S::ZERO }
     }
 
+    /// Whether it brakes since the last sample.
+    pub(crate) fn is_braking(&self) -> S::Mask {
+        self.braking
+    }
+
     /// Takes one sample of heading error, yaw rate and refused yaw torque; returns whether to brake only.
     pub(crate) fn step(&mut self, error_rad: S, rate_rad_s: S, refused_nm: S, dt_s: S) -> S::Mask {
         let s = S::from_f32;

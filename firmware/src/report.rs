@@ -17,7 +17,7 @@ pub struct Report {
     /// Largest magnitude of the altitude error in this second, m.
     pub altitude_error_m_max: f32,
     /// Gains `(k_p, k_i, k_d)` of the altitude axis at the last tick.
-    pub altitude_gains: [f32; 3],
+    pub altitude_gain_ratios: [f32; 3],
     /// What the motors would be sent if this image could arm.
     pub pulses: [Pulse; 4],
 }
@@ -40,7 +40,7 @@ impl Tally {
             rejected: 0,
             cycles_max: 0,
             altitude_error_m_max: 0.0,
-            altitude_gains: [0.0; 3],
+            altitude_gain_ratios: [0.0; 3],
             pulses: [Pulse::STOP; 4],
         };
         Self { ticks_per_report, left: ticks_per_report, report }
@@ -54,7 +54,7 @@ impl Tally {
         report.cycles_max = report.cycles_max.max(cycles);
         let altitude_error_m = (input.setpoint.position_m.z - input.position_m.z).abs();
         report.altitude_error_m_max = report.altitude_error_m_max.max(altitude_error_m);
-        report.altitude_gains = output.telemetry.axes[Axis::Z as usize].gains;
+        report.altitude_gain_ratios = output.telemetry.axes[Axis::Z as usize].gain_ratios;
         report.pulses = pulses;
     }
 

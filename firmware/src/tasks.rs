@@ -121,7 +121,7 @@ async fn log(mut reports: Reader, mut status: Status) -> ! {
 
 fn write(report: &Report) {
     let Report { ticks, late, rejected, cycles_max, altitude_error_m_max, .. } = *report;
-    let [k_p, k_i, k_d] = report.altitude_gains;
+    let [k_p, k_i, k_d] = report.altitude_gain_ratios;
     let [m1, m2, m3, m4] = report.pulses.map(Pulse::us);
     defmt::info!("ticks {=u32}, late {=u32}, rejected {=u32}, worst {=u32} cycles", ticks, late, rejected, cycles_max);
     defmt::info!("altitude error within {=f32} m, gains {=f32} {=f32} {=f32}", altitude_error_m_max, k_p, k_i, k_d);

@@ -7,7 +7,7 @@ use crate::reference::Target;
 use crate::scenario::Scenario;
 use crate::sensors::Sensors;
 use crate::wind::Gusts;
-use control_core::{ConfigError, Controller, Input, Output, Q16, Scalar};
+use control_core::{ConfigError, Controller, Input, Output, Q16, Scalar, Telemetry};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::fmt;
@@ -51,6 +51,8 @@ pub struct Sample<'a> {
     pub input: &'a Input,
     /// What it answers.
     pub output: &'a Output,
+    /// What it thinks.
+    pub telemetry: &'a Telemetry,
     /// Share of its thrust each rotor still makes.
     pub effectiveness: &'a [f64; 4],
 }
@@ -163,6 +165,7 @@ impl Flight<'_> {
             let truth = plant.truth(&actuation);
             let input = sensors.sample(&truth, &target, dt_s);
             let output = controller.tick(&mut state, &input.cast()).to_f32();
+            let telemetry = controller.telemetry(&state).to_f32();
             observe(&Sample {
                 tick,
                 t_s,
@@ -170,6 +173,7 @@ impl Flight<'_> {
                 truth: &truth,
                 input: &input,
                 output: &output,
+                telemetry: &telemetry,
                 effectiveness: &actuation.effectiveness,
             });
             if let Some(cause) = crash(&truth, &target) {

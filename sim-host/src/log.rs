@@ -3,7 +3,7 @@
 //! CSV opens in PlotJuggler, pandas and any spreadsheet; numbers are the shortest decimals that give the f64 back,
 //! so equal flights have equal bytes.
 use crate::flight::Sample;
-use control_core::{Input, Telemetry};
+use control_core::Input;
 use std::io::Write;
 
 type Column = (&'static str, fn(&Sample) -> f64);
@@ -12,18 +12,14 @@ type Column = (&'static str, fn(&Sample) -> f64);
 macro_rules! axis_columns {
     ($i:literal: $kp:literal, $ki:literal, $kd:literal, $s:literal, $v:literal, $bound:literal) => {
         [
-            ($kp, |x: &Sample| telemetry(x).axes[$i].gains[0].into()),
-            ($ki, |x: &Sample| telemetry(x).axes[$i].gains[1].into()),
-            ($kd, |x: &Sample| telemetry(x).axes[$i].gains[2].into()),
-            ($s, |x: &Sample| telemetry(x).axes[$i].s.into()),
-            ($v, |x: &Sample| telemetry(x).axes[$i].v.into()),
-            ($bound, |x: &Sample| telemetry(x).axes[$i].at_bound.iter().filter(|&&hit| hit).count() as f64),
+            ($kp, |x: &Sample| x.telemetry.axes[$i].gains[0].into()),
+            ($ki, |x: &Sample| x.telemetry.axes[$i].gains[1].into()),
+            ($kd, |x: &Sample| x.telemetry.axes[$i].gains[2].into()),
+            ($s, |x: &Sample| x.telemetry.axes[$i].s.into()),
+            ($v, |x: &Sample| x.telemetry.axes[$i].v().into()),
+            ($bound, |x: &Sample| x.telemetry.axes[$i].at_bound().iter().filter(|&&hit| hit).count() as f64),
         ] as [Column; 6]
     };
-}
-
-fn telemetry<'a>(sample: &'a Sample<'_>) -> &'a Telemetry {
-    &sample.output.telemetry
 }
 
 const MOTION: [Column; 18] = [
@@ -67,24 +63,20 @@ const Y: [Column; 6] = axis_columns!(1: "kp_y", "ki_y", "kd_y", "s_y", "v_y", "g
 const Z: [Column; 6] = axis_columns!(2: "kp_z", "ki_z", "kd_z", "s_z", "v_z", "gains_at_bound_z");
 const PSI: [Column; 6] = axis_columns!(3: "kp_psi", "ki_psi", "kd_psi", "s_psi", "v_psi", "gains_at_bound_psi");
 
-const DEMAND: [Column; 12] = [
-    ("tilt_setpoint_roll_rad", |x| telemetry(x).tilt_setpoint_rad[0].into()),
-    ("tilt_setpoint_pitch_rad", |x| telemetry(x).tilt_setpoint_rad[1].into()),
-    ("demand_thrust_n", |x| telemetry(x).demand.thrust_n.into()),
-    ("demand_roll_nm", |x| telemetry(x).demand.roll_nm.into()),
-    ("demand_pitch_nm", |x| telemetry(x).demand.pitch_nm.into()),
-    ("demand_yaw_nm", |x| telemetry(x).demand.yaw_nm.into()),
-    ("refused_thrust_n", |x| telemetry(x).refused.thrust_n.into()),
-    ("refused_roll_nm", |x| telemetry(x).refused.roll_nm.into()),
-    ("refused_pitch_nm", |x| telemetry(x).refused.pitch_nm.into()),
-    ("refused_yaw_nm", |x| telemetry(x).refused.yaw_nm.into()),
-    ("yaw_guard", |x| f64::from(telemetry(x).yaw_guard)),
+const REFUSED: [Column; 8] = [
+    ("tilt_setpoint_roll_rad", |x| x.telemetry.tilt_setpoint_rad[0].into()),
+    ("tilt_setpoint_pitch_rad", |x| x.telemetry.tilt_setpoint_rad[1].into()),
+    ("refused_thrust_n", |x| x.telemetry.refused.thrust_n.into()),
+    ("refused_roll_nm", |x| x.telemetry.refused.roll_nm.into()),
+    ("refused_pitch_nm", |x| x.telemetry.refused.pitch_nm.into()),
+    ("refused_yaw_nm", |x| x.telemetry.refused.yaw_nm.into()),
+    ("yaw_guard", |x| f64::from(x.telemetry.yaw_guard)),
     ("sample_rejected", |x| f64::from(x.output.rejected)),
 ];
 
 /// Every column, in order.
 fn columns() -> impl Iterator<Item = &'static Column> {
-    MOTION.iter().chain(&ROTORS).chain(&X).chain(&Y).chain(&Z).chain(&PSI).chain(&DEMAND)
+    MOTION.iter().chain(&ROTORS).chain(&X).chain(&Y).chain(&Z).chain(&PSI).chain(&REFUSED)
 }
 
 /// The log of one flight.

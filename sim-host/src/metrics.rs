@@ -195,9 +195,9 @@ impl Meter {
         self.note_step(sample);
         self.note_faults(sample);
         self.note_first_fault(sample);
-        let axes = &sample.output.telemetry.axes;
+        let axes = &sample.telemetry.axes;
         self.ticks += 1.0;
-        self.ticks_at_bound += f64::from(axes.iter().any(|axis| axis.at_bound.contains(&true)));
+        self.ticks_at_bound += f64::from(axes.iter().any(|axis| axis.at_bound().contains(&true)));
         self.last_command_n = Some(sample.output.thrust_n);
     }
 
@@ -245,7 +245,7 @@ impl Meter {
     fn note_first_fault(&mut self, sample: &Sample) {
         let Some(&(from_s, until_s)) = self.windows_s.first() else { return };
         let t_s = sample.t_s;
-        let [_, ki, _] = sample.output.telemetry.axes[Axis::Z as usize].gains;
+        let [_, ki, _] = sample.telemetry.axes[Axis::Z as usize].gains;
         if (from_s - GAIN_WINDOW_S..from_s).contains(&t_s) {
             self.ki_before.note(ki.into());
         }

@@ -81,6 +81,10 @@ pub struct Vehicle {
     pub mass_kg: f64,
     /// About body x, y, z, kg m².
     pub inertia_kg_m2: [f64; 3],
+    /// Distance from the centre of mass to each rotor, m.
+    pub arm_m: f64,
+    /// Arrangement of the arms.
+    pub frame: Frame,
     /// Forward and right offset of each rotor, m.
     pub arms_m: [[f64; 2]; 4],
     /// κ = d/b, m.
@@ -116,6 +120,8 @@ impl Vehicle {
         Self {
             mass_kg,
             inertia_kg_m2: keys.inertia_kg_m2.unwrap_or(named_inertia),
+            arm_m,
+            frame: keys.frame,
             arms_m: match keys.frame {
                 Frame::Plus => plus,
                 Frame::X => plus.map(|[forward, right]| [half * (forward - right), half * (forward + right)]),
@@ -144,19 +150,17 @@ impl Vehicle {
         Vector3::new(roll, pitch, self.torque_per_thrust_m * (f1 - f2 + f3 - f4))
     }
 
-    /// What the controller is told, f32.
+    /// What the controller is told, f32: to the bit what a board computes from the same numbers.
     pub fn airframe(&self) -> Airframe {
-        let thrust_n_max = self.thrust_n_max() as f32;
-        Airframe {
-            mass_kg: self.mass_kg as f32,
-            inertia_kg_m2: self.inertia_kg_m2.map(|i| i as f32),
-            rotors: self.arms_m.map(|[forward, right]| control_core::Rotor {
-                forward_m: forward as f32,
-                right_m: right as f32,
-                thrust_n_max,
-            }),
-            torque_per_thrust_m: self.torque_per_thrust_m as f32,
-            thrust_n_min: 0.0,
+        let plus = Airframe::plus(
+            self.mass_kg as f32,
+            self.inertia_kg_m2.map(|i| i as f32),
+            self.arm_m as f32,
+            self.thrust_to_weight as f32,
+        );
+        match self.frame {
+            Frame::Plus => plus,
+            Frame::X => plus.into_x(),
         }
     }
 }
@@ -166,20 +170,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_named_airframes_are_those_of_the_core() {
-        let close = |a: f32, b: f32| (a - b).abs() <= 1e-6 * b.abs().max(1e-3);
+    fn the_named_airframes_are_those_of_the_core_to_the_bit() {
         for (name, core) in [(AirframeName::Paper, Airframe::paper(2.2)), (AirframeName::Os4, Airframe::os4(2.2))] {
             for (frame, core) in [(Frame::Plus, core), (Frame::X, core.into_x())] {
                 let keys = VehicleKeys { frame, ..VehicleKeys::default() };
-                let ours = Vehicle::new(name, &keys).airframe();
-                assert!(close(ours.mass_kg, core.mass_kg));
-                assert!(close(ours.torque_per_thrust_m, core.torque_per_thrust_m));
-                for (a, b) in ours.inertia_kg_m2.into_iter().zip(core.inertia_kg_m2) {
-                    assert!(close(a, b));
-                }
-                for (a, b) in ours.rotors.iter().zip(&core.rotors) {
-                    assert!(close(a.forward_m, b.forward_m) && close(a.right_m, b.right_m));
-                    assert!(close(a.thrust_n_max, b.thrust_n_max));
+                let vehicle = Vehicle::new(name, &keys);
+                assert_eq!(vehicle.airframe(), core);
+                for (arm, rotor) in vehicle.arms_m.iter().zip(&core.rotors) {
+                    assert!((arm[0] as f32 - rotor.forward_m).abs() < 1e-7);
+                    assert!((arm[1] as f32 - rotor.right_m).abs() < 1e-7);
                 }
             }
         }

@@ -5,7 +5,7 @@ use control_core::{Airframe, Config, Controller, Input, Law, Output, State};
 use core::fmt::{self, Display};
 use core::hint::black_box;
 use core::panic::PanicInfo;
-use cortex_m_rt::entry;
+use cortex_m_rt::{ExceptionFrame, entry, exception};
 use cortex_m_semihosting::{debug, hprintln};
 
 #[entry]
@@ -98,6 +98,12 @@ fn fail(reason: &dyn Display) {
 #[panic_handler]
 fn panic(info: &PanicInfo) -> ! {
     fail(info);
+    park()
+}
+
+#[exception]
+unsafe fn HardFault(_frame: &ExceptionFrame) -> ! {
+    fail(&"hard fault");
     park()
 }
 

@@ -9,8 +9,9 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::str::FromStr;
 use std::time::{Duration, Instant};
+use xshell::cmd;
 
-/// A tick is one call of the whole controller; at 168 MHz and 500 Hz this is a third of a percent of the processor.
+/// A tick is one call of the whole controller. At 500 Hz this is 0.3 % of what a 168 MHz processor executes.
 const TICK_INSTRUCTIONS_MAX: u32 = 900;
 
 /// The PSRAM of mps2-an386, where `tick-bench` looks for the record.
@@ -23,9 +24,9 @@ const QEMU_SECONDS_MAX: u64 = 120;
 pub(crate) fn run(workspace: &Workspace) -> Result<()> {
     let folder = workspace.results("tick-bench")?;
     let record = folder.join("flight.ticks");
-    let fly = ["run", "--quiet", "--release", "--package", "sim-host", "--", "fly", FLIGHT, "--controller", "lgs"];
-    let flight = workspace.cargo(&fly).arg("--out").arg(folder.join("flight")).arg("--ticks").arg(&record);
-    flight.ignore_stdout().run()?;
+    let (simulator, out) = (workspace.build_simulator(true)?, folder.join("flight"));
+    let fly = cmd!(workspace.shell, "{simulator} fly {FLIGHT} --controller lgs --out {out} --ticks {record}");
+    fly.ignore_stdout().run()?;
     let image = workspace.build_image("tick-bench")?;
     let printed = emulate(&image, &record, &folder.join("printed.txt"))?;
     report(&printed)

@@ -10,7 +10,7 @@ type Step = (&'static str, fn(&Workspace) -> Result<()>);
 const STEPS: [Step; 6] = [
     ("setup", setup::run),
     ("lint", lint::run),
-    ("unit and system tests", tests),
+    ("tests", tests),
     ("fw", fw::run),
     ("count", count::run),
     ("determinism", determinism::run),

@@ -13,7 +13,6 @@ pub(crate) const FLIGHT: &str = "scenarios/flight.toml";
 /// A shell in the root of the workspace.
 pub(crate) struct Workspace {
     pub(crate) shell: Shell,
-    cargo: PathBuf,
     target_dir: PathBuf,
 }
 
@@ -23,24 +22,27 @@ impl Workspace {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("xtask lies in no workspace")?;
         let shell = Shell::new()?;
         shell.change_dir(root);
-        Ok(Self {
-            // The cargo that runs this program, so that nested calls use the same toolchain.
-            cargo: shell.var_os("CARGO").unwrap_or_else(|| "cargo".into()).into(),
-            target_dir: root.join(shell.var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into())),
-            shell,
-        })
+        Ok(Self { target_dir: root.join(shell.var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into())), shell })
     }
 
-    /// `cargo` with these arguments.
+    /// `cargo` with these arguments; under rustup RUSTUP_TOOLCHAIN makes it the one that runs this program.
     pub(crate) fn cargo<'a>(&'a self, arguments: &[&str]) -> Cmd<'a> {
-        let cargo = &self.cargo;
-        cmd!(self.shell, "{cargo} {arguments...}")
+        cmd!(self.shell, "cargo {arguments...}")
     }
 
     /// Builds a package for the board; returns its ELF, which has the package's name.
     pub(crate) fn build_image(&self, package: &str) -> Result<PathBuf> {
         self.cargo(&["build", "--package", package, "--profile", PROFILE, "--target", TARGET]).run()?;
         Ok(self.target_dir.join(TARGET).join(PROFILE).join(package))
+    }
+
+    /// Builds the simulator in one of cargo's own profiles; returns its executable.
+    ///
+    /// Built apart from flying, so that a source edited between two flights cannot tell them apart.
+    pub(crate) fn build_simulator(&self, release: bool) -> Result<PathBuf> {
+        let profile: &[&str] = if release { &["--release"] } else { &[] };
+        self.cargo(&["build", "--package", "sim-host"]).args(profile).run()?;
+        Ok(self.target_dir.join(if release { "release" } else { "debug" }).join("sim-host"))
     }
 
     /// A fresh folder for the results of a command.

@@ -5,6 +5,7 @@
 //! r   = dz(w, d)                                    below the noise nothing is learnt
 //! n²  = 1 + Σ (k0_j Π_j / u_s)²                     a large regressor does not speed it up
 //! k̇_j = ν_j Π_j r / n² − σ (k_j − k0_j),   k_j held in [0.4, 3] k0_j
+//! κ̇_j = (ν_j / k0_j²) (k0_j Π_j) r / n² − σ (κ_j − 1)      the same for κ_j = k_j / k0_j, as it is computed
 //! ```
 //!
 //! | symbol | code        | unit                            |
@@ -22,9 +23,9 @@
 //!
 //! Invariants: every gain within its bounds, so every gain positive; n² ≥ 1, so the only divisor is away from zero.
 //! Source: CONTROL_LAW, "Law B"; it repairs the paper's eq 21 to 23.
-use super::{AxisInput, Regressor};
+use super::{Lesson, Regressor};
+use crate::Scalar;
 use crate::math::{dead_zone, tanh};
-use crate::{Mask, Scalar};
 
 /// Smallest gain over its start: the projection's lower bound.
 pub const GAIN_RATIO_MIN: f32 = 0.4;
@@ -55,11 +56,10 @@ pub struct LgsGains {
 /// The adaptation in the scalar that flies.
 #[derive(Clone, Debug)]
 pub(super) struct Lgs<S> {
-    start: [S; 3],
-    bounds: [(S, S); 3],
-    /// k0_j / u_s.
-    weight: [S; 3],
-    nu: [S; 3],
+    /// ν_j / k0_j²: what a term k0_j Π_j teaches its ratio.
+    rates: [S; 3],
+    /// 1 / u_s².
+    scale_inverse_squared: S,
     alpha: S,
     beta: S,
     eps_inverse: S,
@@ -71,11 +71,10 @@ pub(super) struct Lgs<S> {
 impl<S: Scalar> Lgs<S> {
     pub(super) fn new(gains: &LgsGains, start: &[f32; 3]) -> Self {
         let s = S::from_f32;
+        let rate = |i: usize| s(gains.nu[i] / (start[i] * start[i]));
         Self {
-            start: start.map(s),
-            bounds: start.map(|k0| (s(GAIN_RATIO_MIN * k0), s(GAIN_RATIO_MAX * k0))),
-            weight: start.map(|k0| s(k0 / gains.scale)),
-            nu: gains.nu.map(s),
+            rates: [rate(0), rate(1), rate(2)],
+            scale_inverse_squared: s(1.0 / (gains.scale * gains.scale)),
             alpha: s(gains.alpha),
             beta: s(gains.beta),
             eps_inverse: s(1.0 / gains.eps),
@@ -85,37 +84,28 @@ impl<S: Scalar> Lgs<S> {
         }
     }
 
-    /// Moves the gains by one tick, inside their bounds.
-    pub(super) fn adapt(&self, gains: &mut [S::Sum; 3], regressor: &Regressor<S>, input: &AxisInput<S>, dt_s: S) {
-        let drive = self.drive(regressor, input);
-        let parameters = self.nu.iter().zip(&self.start).zip(&self.bounds);
-        for ((gain, pi), ((&nu, &start), &bounds)) in gains.iter_mut().zip(regressor.pi).zip(parameters) {
-            let rate = nu * pi * drive - self.leak_1_s * (S::from_sum(*gain) - start);
-            *gain = S::integrate(*gain, rate, dt_s, bounds);
+    /// Moves the gain ratios by one lesson, inside their bounds.
+    #[inline]
+    pub(super) fn adapt(&self, ratios: &mut [S::Sum; 3], regressor: &Regressor<S>, lesson: &Lesson<S>) {
+        let drive = self.drive(regressor, lesson.refused);
+        let bounds = (S::from_f32(GAIN_RATIO_MIN), S::from_f32(GAIN_RATIO_MAX));
+        for ((ratio, term), &rate) in ratios.iter_mut().zip(regressor.terms).zip(&self.rates) {
+            let slope = rate * term * drive - self.leak_1_s * (S::from_sum(*ratio) - S::ONE);
+            *ratio = S::integrate(*ratio, slope, lesson.dt_s, bounds);
         }
     }
 
     /// r / n²: the normalised missing command, zero where it must not teach.
-    fn drive(&self, regressor: &Regressor<S>, input: &AxisInput<S>) -> S {
+    #[inline]
+    fn drive(&self, regressor: &Regressor<S>, refused: S) -> S {
         let [_, _, e_rate] = regressor.pi;
         let s = regressor.s;
         let missing =
             regressor.error_accel + self.lambda * e_rate + self.alpha * s + self.beta * tanh(s * self.eps_inverse);
         let residual = dead_zone(missing, self.dead_zone);
-        let stuck = S::ZERO.lt(input.refused * residual) | !input.adapt;
-        let norm = self.weight.iter().zip(regressor.pi).fold(S::ONE, |sum, (&weight, pi)| {
-            let share = weight * pi;
-            sum + share * share
-        });
+        let stuck = S::ZERO.lt(refused * residual);
+        let [p, i, d] = regressor.terms;
+        let norm = S::ONE + (p * p + i * i + d * d) * self.scale_inverse_squared;
         S::select(stuck, S::ZERO, residual / norm)
-    }
-
-    /// Whether each gain sits on a bound.
-    pub(super) fn at_bound(&self, gains: [S; 3]) -> [S::Mask; 3] {
-        let mut at_bound = [S::Mask::splat(false); 3];
-        for ((hit, gain), &(low, high)) in at_bound.iter_mut().zip(gains).zip(&self.bounds) {
-            *hit = !(low.lt(gain) & gain.lt(high));
-        }
-        at_bound
     }
 }

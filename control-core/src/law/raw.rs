@@ -44,7 +44,8 @@ struct Row<S> {
     alpha: S,
     eps_inverse: S,
     beta: S,
-    nu: S,
+    /// ν over the starting gain.
+    nu_ratio: S,
     lambda: S,
 }
 
@@ -53,28 +54,30 @@ struct Row<S> {
 pub(super) struct Raw<S>([Row<S>; 3]);
 
 /// Not a bound of the law, which has none: where the number format ends.
-const GAIN_MAX: f32 = 30_000.0;
+const RATIO_MAX: f32 = 30_000.0;
 
 impl<S: Scalar> Raw<S> {
-    pub(super) fn new(gains: &[RawGains; 3]) -> Self {
-        Self(gains.map(|row| Row {
-            alpha: S::from_f32(row.alpha),
-            eps_inverse: S::from_f32(1.0 / row.eps),
-            beta: S::from_f32(row.beta),
-            nu: S::from_f32(row.nu),
-            lambda: S::from_f32(row.lambda),
-        }))
+    pub(super) fn new(gains: &[RawGains; 3], start: &[f32; 3]) -> Self {
+        let s = S::from_f32;
+        let row = |i: usize| Row {
+            alpha: s(gains[i].alpha),
+            eps_inverse: s(1.0 / gains[i].eps),
+            beta: s(gains[i].beta),
+            nu_ratio: s(gains[i].nu / start[i]),
+            lambda: s(gains[i].lambda),
+        };
+        Self([row(0), row(1), row(2)])
     }
 
-    /// Moves the gains by one tick of eq 23.
-    pub(super) fn adapt(&self, gains: &mut [S::Sum; 3], regressor: &Regressor<S>, dt_s: S) {
+    /// Moves the gain ratios by one tick of eq 23.
+    pub(super) fn adapt(&self, ratios: &mut [S::Sum; 3], regressor: &Regressor<S>, dt_s: S) {
         let [e, _, e_rate] = regressor.pi;
-        let bounds = (S::from_f32(-GAIN_MAX), S::from_f32(GAIN_MAX));
-        for ((gain, row), pi) in gains.iter_mut().zip(&self.0).zip(regressor.pi) {
+        let bounds = (S::from_f32(-RATIO_MAX), S::from_f32(RATIO_MAX));
+        for ((ratio, row), pi) in ratios.iter_mut().zip(&self.0).zip(regressor.pi) {
             let s = e_rate + row.lambda * e;
             let s_rate = regressor.error_accel + row.lambda * e_rate;
             let drive = s_rate + row.alpha * s + row.beta * tanh(s * row.eps_inverse);
-            *gain = S::integrate(*gain, row.nu * pi * drive, dt_s, bounds);
+            *ratio = S::integrate(*ratio, row.nu_ratio * pi * drive, dt_s, bounds);
         }
     }
 }
