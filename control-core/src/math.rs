@@ -50,8 +50,8 @@ pub fn atan2<S: Scalar>(y: S, x: S) -> S {
     let steep = ax.lt(ay);
     let (short, long) = (S::select(steep, ax, ay), S::select(steep, ay, ax));
     let (short2, long2) = (short * short, long * long);
-    let numerator = short * (long2 * S::from_f32(0.999_180_33) + short2 * S::from_f32(0.191_146_99));
-    let denominator = long * (long2 + short2 * S::from_f32(0.515_382_43));
+    let numerator = short * (long2 * S::from_f32(0.999_180_3) + short2 * S::from_f32(0.191_146_99));
+    let denominator = long * (long2 + short2 * S::from_f32(0.515_382_4));
     let octant = numerator / (denominator + S::from_f32(DIVISOR_MIN));
     let quadrant = S::select(steep, S::from_f32(FRAC_PI_2) - octant, octant);
     let half = S::select(x.lt(S::ZERO), S::from_f32(PI) - quadrant, quadrant);

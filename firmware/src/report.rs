@@ -1,5 +1,5 @@
 //! Report: what one second of ticks amounts to, for the log.
-use control_core::{Axis, Input, Output};
+use control_core::{Input, Output};
 
 use crate::pulse::Pulse;
 
@@ -16,8 +16,8 @@ pub struct Report {
     pub cycles_max: u32,
     /// Largest magnitude of the altitude error in this second, m.
     pub altitude_error_m_max: f32,
-    /// Gains `(k_p, k_i, k_d)` of the altitude axis at the last tick.
-    pub altitude_gain_ratios: [f32; 3],
+    /// Gains `(k_p, k_i, k_d)` of the altitude axis; zero until whoever closes the report fills them in.
+    pub altitude_gains: [f32; 3],
     /// What the motors would be sent if this image could arm.
     pub pulses: [Pulse; 4],
 }
@@ -40,7 +40,7 @@ impl Tally {
             rejected: 0,
             cycles_max: 0,
             altitude_error_m_max: 0.0,
-            altitude_gain_ratios: [0.0; 3],
+            altitude_gains: [0.0; 3],
             pulses: [Pulse::STOP; 4],
         };
         Self { ticks_per_report, left: ticks_per_report, report }
@@ -54,7 +54,6 @@ impl Tally {
         report.cycles_max = report.cycles_max.max(cycles);
         let altitude_error_m = (input.setpoint.position_m.z - input.position_m.z).abs();
         report.altitude_error_m_max = report.altitude_error_m_max.max(altitude_error_m);
-        report.altitude_gain_ratios = output.telemetry.axes[Axis::Z as usize].gain_ratios;
         report.pulses = pulses;
     }
 

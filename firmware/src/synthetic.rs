@@ -181,9 +181,9 @@ mod tests {
         let mut state = controller.hover_state();
         let mut moved = [0.0_f32; 4];
         for tick in 0..30_000 {
-            let output = controller.tick(&mut state, &sample(tick * 2_000, 0.002));
+            let output = *controller.tick(&mut state, &sample(tick * 2_000, 0.002));
             assert!(!output.rejected);
-            for (moved, axis) in moved.iter_mut().zip(&output.telemetry.axes) {
+            for (moved, axis) in moved.iter_mut().zip(&controller.telemetry(&state).axes) {
                 let share = |j: usize| (axis.gain_ratios[j] - 1.0).abs();
                 *moved = moved.max(share(0)).max(share(1)).max(share(2));
             }

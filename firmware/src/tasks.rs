@@ -6,7 +6,7 @@
 //!
 //! Control preempts the log at any instruction: the queue takes no lock and a log line masks no interrupt. What is left
 //! to delay it are the executors' own critical sections, some dozens of cycles.
-use control_core::{Airframe, Config, Controller, Input, Law, Output, State};
+use control_core::{Airframe, Axis, Config, Controller, Input, Law, Output, State};
 use cortex_m::peripheral::DWT;
 use cortex_m::singleton;
 use defmt_rtt as _;
@@ -74,6 +74,10 @@ impl Flight {
         (output, DWT::cycle_count().wrapping_sub(start))
     }
 
+    fn altitude_gains(&self) -> [f32; 3] {
+        self.controller.telemetry(&self.state).axes[Axis::Z as usize].gains
+    }
+
     /// Not inlined, so that the cycle counter's reads enclose all of the tick and nothing else.
     #[inline(never)]
     fn fly(&mut self, input: &Input) -> &Output {
@@ -96,6 +100,7 @@ async fn control(mut flight: Flight, mut motors: Motors, mut reports: Reporter) 
         let pulses = Pulse::from_thrusts(output.thrust_n, &airframe);
         tally.tick(&input, output, pulses, cycles);
         if let Some(report) = tally.close(pace.finish(now_us())) {
+            let report = Report { altitude_gains: flight.altitude_gains(), ..report };
             // A full queue means that the log hangs, and then there is nobody to tell.
             let _ = reports.enqueue(report);
         }
@@ -121,7 +126,7 @@ async fn log(mut reports: Reader, mut status: Status) -> ! {
 
 fn write(report: &Report) {
     let Report { ticks, late, rejected, cycles_max, altitude_error_m_max, .. } = *report;
-    let [k_p, k_i, k_d] = report.altitude_gain_ratios;
+    let [k_p, k_i, k_d] = report.altitude_gains;
     let [m1, m2, m3, m4] = report.pulses.map(Pulse::us);
     defmt::info!("ticks {=u32}, late {=u32}, rejected {=u32}, worst {=u32} cycles", ticks, late, rejected, cycles_max);
     defmt::info!("altitude error within {=f32} m, gains {=f32} {=f32} {=f32}", altitude_error_m_max, k_p, k_i, k_d);
