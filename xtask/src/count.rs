@@ -44,7 +44,7 @@ fn emulate(image: &Path, record: &Path, output: &Path) -> Result<String> {
         .stdin(Stdio::null())
         .stdout(File::create(output)?);
     println!("$ {}", format!("{qemu:?}").replace('"', ""));
-    let mut child = qemu.spawn().context("qemu-system-arm does not start: cargo xtask setup")?;
+    let mut child = qemu.spawn().context("qemu-system-arm does not start (`cargo xtask setup` installs it)")?;
     let started = Instant::now();
     let status = loop {
         if let Some(status) = child.try_wait()? {
