@@ -44,6 +44,23 @@ fn files_open_with_what_they_are_for() {
     }
 }
 
+/// A doc comment that cites a section of docs/control-law.md would not notice that it has been renamed.
+#[test]
+fn cited_sections_of_the_control_law_exist() {
+    let page = std::fs::read_to_string(root().join("docs/control-law.md")).expect("the page");
+    let mut cited = 0;
+    for (path, text) in every_source() {
+        for part in text.split("docs/control-law.md, \"").skip(1) {
+            let section = part.split('"').next().unwrap_or_default();
+            let heads = page.lines().filter(|line| line.starts_with("## "));
+            let found = heads.map(|line| line.replace('`', "")).any(|line| line.contains(section));
+            assert!(found || path.ends_with("tidy.rs"), "{}: {section}", path.display());
+            cited += 1;
+        }
+    }
+    assert!(cited > 5);
+}
+
 #[test]
 fn core_has_no_unsafe_no_std_and_no_alloc() {
     let lib = std::fs::read_to_string(root().join("control-core/src/lib.rs")).expect("the core");

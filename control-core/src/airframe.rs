@@ -22,7 +22,7 @@ pub struct Airframe {
     pub inertia_kg_m2: [f32; 3],
     /// Rotors 1 to 4. On the plus frame: right, front, left, back.
     pub rotors: [Rotor; 4],
-    /// Reaction torque per thrust, m (κ = d/b in CONTROL_LAW's erratum to eq 11).
+    /// Reaction torque per thrust, m (κ = d/b in docs/control-law.md's erratum to eq 11).
     pub torque_per_thrust_m: f32,
     /// Thrust below which no rotor is commanded, N: 0, or an idle that keeps it turning.
     pub thrust_n_min: f32,
@@ -75,7 +75,7 @@ impl Airframe {
         Self::plus(MASS_KG, inertia_kg_m2, ARM_M, thrust_to_weight)
     }
 
-    /// The machine whose mass, arms and rotors the paper took, with its measured inertia (CONTROL_LAW,
+    /// The machine whose mass, arms and rotors the paper took, with its measured inertia (docs/control-law.md,
     /// errata): the OS4.
     pub fn os4(thrust_to_weight: f32) -> Self {
         Self::plus(MASS_KG, [6.228e-3, 6.228e-3, 1.121e-2], ARM_M, thrust_to_weight)

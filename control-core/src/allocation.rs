@@ -12,7 +12,7 @@
 //! to the sum of both ranges, and yaw takes what is left. On a plus frame G is the arm length times identity.
 //!
 //! Invariants: every rotor thrust is within its own limits, to rounding; a demand that fits is refused exactly zero.
-//! Source: CONTROL_LAW, "Allocation, with priorities", there for the plus frame.
+//! Source: docs/control-law.md, "Guidance, allocation, yaw guard".
 use crate::airframe::Airframe;
 use crate::{ConfigError, Scalar};
 

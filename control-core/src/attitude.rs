@@ -5,7 +5,7 @@
 //! ```
 //!
 //! The derivative acts on the body rate, so a setpoint step does not kick. The gyroscopic coupling of the body is
-//! fed forward: without it a spinning machine with a weak rotor tumbles (CONTROL_LAW, "One rotor").
+//! fed forward: without it a spinning machine with a weak rotor tumbles.
 use crate::Scalar;
 use crate::config::{ConfigError, positive};
 

@@ -184,7 +184,7 @@ impl AxisConfig {
     }
 }
 
-/// Mass the tables of CONTROL_LAW are for, kg.
+/// Mass the tables of docs/control-law.md are for, kg.
 const TABLE_MASS_KG: f32 = 0.52;
 /// Moments of inertia they are for, kg m²: m l² and 2 m l² of the paper's airframe.
 const TABLE_INERTIA_KG_M2: [f32; 3] = [0.027_988_48, 0.027_988_48, 0.055_976_96];
@@ -212,7 +212,7 @@ impl Gains {
     /// The robust law's table, scaled to the airframe by its mass and inertia.
     ///
     /// # Source
-    /// CONTROL_LAW, "Law B".
+    /// docs/control-law.md, "lgs".
     pub fn flight(airframe: &Airframe) -> Self {
         let mass_ratio = airframe.mass_kg / TABLE_MASS_KG;
         let [ix, iy, iz] = airframe.inertia_kg_m2;
@@ -231,7 +231,7 @@ impl Gains {
     /// Starting gains of the paper's set-up, whose own are lost, and the inner PIDs of Table 2.
     ///
     /// # Source
-    /// CONTROL_LAW, "Law A"; the paper, Table 2.
+    /// docs/control-law.md, "raw"; the paper, Table 2.
     pub fn paper(airframe: &Airframe) -> Self {
         let flight = Self::flight(airframe);
         let start = |axis: AxisConfig, k0| AxisConfig { k0, integral_max: 100.0, ..axis };

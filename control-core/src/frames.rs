@@ -102,7 +102,7 @@ impl<F: Copy, S: Scalar> Neg for Vec3<F, S> {
 /// The rotation that takes body components to NED components, as a matrix.
 ///
 /// Row-major; its third column is the body's down axis seen from the world, so thrust acts along its negative
-/// (CONTROL_LAW, erratum to eq 1).
+/// (docs/control-law.md, erratum to eq 1).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Attitude<S = f32> {
     /// Rows north, east, down; columns forward, right, down.

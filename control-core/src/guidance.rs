@@ -9,7 +9,7 @@
 //! u_z over the body's vertical share. The paper's set-up divides by the commanded thrust and adds the weight to u_z.
 //! For its plant (eq 1), which never turns the thrust with yaw, ψ is taken as 0.
 //!
-//! Source: CONTROL_LAW, errata and "Law A"; axis order and signs as there.
+//! Source: docs/control-law.md, "Guidance, allocation, yaw guard" and, for the paper's set-up, "raw".
 use crate::config::Cascade;
 use crate::frames::Attitude;
 use crate::math::{SINE_MAX, asin_and_cos, atan2};

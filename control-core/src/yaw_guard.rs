@@ -4,7 +4,7 @@
 //! turn; braking alone lets it settle, and the error, wrapped at ±π, is small when the heading is taken up again.
 //!
 //! Trips when yaw is saturated and off by more than 0.35 rad for 0.2 s, or beyond 2.5 rad/s; lets go below 0.3 rad/s.
-//! Source: CONTROL_LAW, "Allocation, with priorities", yaw guard.
+//! Source: docs/control-law.md, "Guidance, allocation, yaw guard".
 use crate::{Mask, Scalar};
 
 const ERROR_RAD_MAX: f32 = 0.35;

@@ -22,7 +22,7 @@
 //! 1/(1 − loss).
 //!
 //! Invariants: every gain within its bounds, so every gain positive; n² ≥ 1, so the only divisor is away from zero.
-//! Source: CONTROL_LAW, "Law B"; it repairs the paper's eq 21 to 23.
+//! Source: docs/control-law.md, "lgs"; it repairs the paper's eq 21 to 23.
 use super::{Lesson, Regressor};
 use crate::Scalar;
 use crate::math::{dead_zone, tanh};

@@ -4,7 +4,7 @@
 //! s_j = ė + λ_j e        k̇_j = ν_j Π_j (ṡ_j + α_j s_j + β_j tanh(s_j / ε_j))        j ∈ {p, i, d}
 //! ```
 //!
-//! Each gain has its own s, so there is no common u* to converge to (CONTROL_LAW, erratum to Table 2), and nothing
+//! Each gain has its own s, so there is no common u* to converge to (docs/control-law.md, erratum to Table 2), and nothing
 //! bounds the gains. It is kept to reproduce the paper; it crashes with actuators that saturate.
 use super::Regressor;
 use crate::Scalar;

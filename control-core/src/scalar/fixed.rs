@@ -1,7 +1,7 @@
 //! Q16.16: what a board without a floating-point unit would fly.
 //!
-//! Addition saturates; products and quotients round to nearest and saturate (CONTROL_LAW, "Number formats": truncating
-//! multiplies cost 10.7 mm of altitude, rounding ones 0.4 mm). A running sum is Q32.32, which holds the
+//! Addition saturates; products and quotients round to nearest and saturate : truncation is a
+//! bias that integrals and gains would follow. A running sum is Q32.32, which holds the
 //! product of two Q16.16 exactly.
 use super::Scalar;
 use ::fixed::types::{I16F16, I32F32};

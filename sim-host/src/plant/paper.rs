@@ -6,7 +6,7 @@
 //! z̈ =  (u1/m) cos θ cos φ − g        ψ̈ = u4 / Izz
 //! ```
 //!
-//! Wrong in that yaw never turns the thrust (CONTROL_LAW, errata) and in that its rotors have neither lag nor
+//! Wrong in that yaw never turns the thrust (docs/control-law.md, errata) and in that its rotors have neither lag nor
 //! limit; kept because the paper's figures are of it.
 use super::{Actuation, Plant, Truth, rk4};
 use crate::vehicle::Vehicle;

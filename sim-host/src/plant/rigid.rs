@@ -6,7 +6,7 @@
 //! Ḟ_i = (sat(F_cmd,i) − F_i) / T                     thrust made: (1 − loss_i) F_i
 //! ```
 //!
-//! Thrust acts along the third column of R, and body axes replace the paper's eq 9 (CONTROL_LAW, errata). Attitude is
+//! Thrust acts along the third column of R, and body axes replace the paper's eq 9 (docs/control-law.md, errata). Attitude is
 //! a unit quaternion, normalised after every step.
 use super::{Actuation, Plant, Truth, rk4};
 use crate::ground::Ground;
