@@ -327,3 +327,42 @@ impl Config {
         within(("config", "filter_hz"), self.filter_hz, (1.0, 2000.0), "from 1 to 2000 Hz")
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Controller;
+    use std::string::ToString;
+
+    type Change = fn(&mut Config);
+
+    #[test]
+    fn the_first_value_that_cannot_fly_is_named() {
+        let rows: [(&str, Change, &str); 8] = [
+            ("a rate of zero", |c| c.control_hz = 0.0, "config.control_hz = 0: must be from 50 to 8000 Hz"),
+            ("no mass", |c| c.airframe.mass_kg = f32::NAN, "airframe.mass_kg = NaN"),
+            ("a rotor that cannot pull", |c| c.airframe.rotors[2].thrust_n_max = 0.0, "airframe.thrust_n_max = 0"),
+            ("a rotor out of line", |c| c.airframe.rotors[3].forward_m = 0.1, "opposite for rotors 1 and 3"),
+            ("rotors in the wrong order", |c| c.airframe.rotors.swap(1, 3), "counter-clockwise"),
+            ("a negative gain", |c| c.gains.z.k0[1] = -1.0, "z.k0.i = -1"),
+            ("no boundary layer", |c| c.gains.psi.lgs.eps = 0.0, "psi.lgs.eps = 0"),
+            ("an infinite attitude gain", |c| c.gains.phi.kd = f32::INFINITY, "phi.kd = inf"),
+        ];
+        for (why, change, says) in rows {
+            let mut config = Config::flight(Law::Lgs, Airframe::paper(2.2));
+            change(&mut config);
+            let error = Controller::<f32>::try_new(&config).map(|_| ()).expect_err(why).to_string();
+            assert!(error.contains(says), "{why}: {error}");
+        }
+    }
+
+    #[test]
+    fn commands_scale_with_mass_and_inertia() {
+        let mut heavy = Airframe::paper(2.2);
+        heavy.mass_kg *= 2.0;
+        let (light, heavy) = (Gains::flight(&Airframe::paper(2.2)), Gains::flight(&heavy));
+        assert_eq!(heavy.z.k0, light.z.k0.map(|k| 2.0 * k));
+        assert_eq!(heavy.x, light.x, "an acceleration does not depend on mass");
+        assert!(Gains::flight(&Airframe::os4(2.2)).phi.kp < 0.25 * light.phi.kp);
+    }
+}

@@ -218,3 +218,79 @@ impl<S: Scalar> AxisLaw<S> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Airframe, Config};
+    use std::format;
+
+    const DT_S: f32 = 0.002;
+
+    fn altitude(law: Law) -> (AxisLaw<f32>, AxisState<f32>) {
+        let config = Config::flight(law, Airframe::paper(2.2));
+        let law = AxisLaw::try_new("z", law, &config.gains.z).expect("the shipped gains");
+        let state = law.state(5.0);
+        (law, state)
+    }
+
+    /// A second below the setpoint by `error`, with the last command refused by `refused`.
+    fn after_a_second(law: Law, error: f32, refused: f32) -> AxisTelemetry {
+        let (law, mut state) = altitude(law);
+        for _ in 0..500 {
+            let input = AxisInput { error, error_rate: 0.0, error_accel: Some(0.0) };
+            law.command(&mut state, &input, &LowPass::new(157.0, DT_S));
+            law.learn(&mut state, &Lesson { error, refused, integrate: true, dt_s: DT_S });
+        }
+        law.telemetry(&state)
+    }
+
+    #[test]
+    fn at_rest_the_integral_carries_the_command() {
+        let (law, mut state) = altitude(Law::Lgs);
+        let input = AxisInput { error: 0.0, error_rate: 0.0, error_accel: Some(0.0) };
+        let command = law.command(&mut state, &input, &LowPass::new(157.0, DT_S));
+        assert!((command - 5.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn gains_rise_when_the_machine_is_too_low_and_fall_when_too_high() {
+        let [_, low, _] = after_a_second(Law::Lgs, 0.1, 0.0).gain_ratios;
+        let [_, high, _] = after_a_second(Law::Lgs, -0.1, 0.0).gain_ratios;
+        assert!(low > 1.1 && high < 0.9, "{low} {high}");
+    }
+
+    #[test]
+    fn nothing_is_learnt_inside_the_dead_zone() {
+        let AxisTelemetry { gain_ratios, s, .. } = after_a_second(Law::Lgs, 1e-3, 0.0);
+        assert!(s > 0.0);
+        assert_eq!(gain_ratios, [1.0; 3]);
+    }
+
+    #[test]
+    fn integral_and_gains_wait_while_they_would_push_into_saturation() {
+        let free = after_a_second(Law::Lgs, 0.1, 0.0);
+        let stuck = after_a_second(Law::Lgs, 0.1, 1.0);
+        let other_way = after_a_second(Law::Lgs, 0.1, -1.0);
+        assert_eq!(stuck.gain_ratios, [1.0; 3]);
+        assert!(stuck.command < free.command);
+        assert_eq!(format!("{other_way:?}"), format!("{free:?}"), "saturation the other way does not matter");
+    }
+
+    #[test]
+    fn gains_stop_at_their_bounds_and_say_so() {
+        let (law, mut state) = altitude(Law::Lgs);
+        for _ in 0..100_000 {
+            law.learn(&mut state, &Lesson { error: 5.0, refused: 0.0, integrate: true, dt_s: DT_S });
+        }
+        let high = law.telemetry(&state);
+        assert_eq!(high.gain_ratios[1], GAIN_RATIO_MAX);
+        assert!(high.at_bound()[1] && !after_a_second(Law::Lgs, 1e-3, 0.0).at_bound()[1]);
+    }
+
+    #[test]
+    fn fixed_gains_stay_and_printed_ones_have_no_bound() {
+        assert_eq!(after_a_second(Law::Pid, 0.5, 0.0).gain_ratios, [1.0; 3]);
+        assert!(after_a_second(Law::Raw, 0.5, 0.0).gain_ratios[0] > GAIN_RATIO_MAX);
+    }
+}
