@@ -14,7 +14,7 @@
 //! point resolves all alike. Shared by all three laws: ė through a one-pole low-pass, and an integrator that stops
 //! while it pushes further into saturation.
 //!
-//! A tick has a fast part, [`AxisLaw::command`], and a slow one, [`AxisLaw::learn`]: gains and integrals move over
+//! A tick has a fast part, `AxisLaw::command`, and a slow one, `AxisLaw::learn`: gains and integrals move over
 //! tenths of a second, so that the axes may learn in turn, each by the time since its last turn.
 //!
 //! Invariants: |∫e| is bounded; under `Lgs` every κ is within [0.4, 3].
