@@ -2,7 +2,7 @@
 //!
 //! Bounds of the robust law hold for any seed; two far-apart bases are flown here.
 use control_core::law::{GAIN_RATIO_MAX, GAIN_RATIO_MIN};
-use sim_host::controllers::ControllerName::{Lgs, Pid, Raw};
+use sim_host::controllers::ControllerName::{Lgs, LgsIndi, Lqi, Pid, PidOpt, Raw};
 use sim_host::fault::Fault;
 use sim_host::flight::{NumberFormat, Sample};
 use sim_host::sensors::Noise;
@@ -132,6 +132,27 @@ fn nine_faults_leave_the_gains_where_one_does() {
     assert!(at_bound / ticks < 0.01, "{at_bound} of {ticks} ticks");
     let [first, .., ninth] = deviations;
     assert!((ninth / first - 1.0).abs() <= 0.1, "{deviations:?}");
+}
+
+#[test]
+fn incremental_inner_loop_takes_the_push_of_a_single_weak_rotor() {
+    for (name, altitude_m, lateral_m) in [("single_rotor_40", 0.006, 0.008), ("single_rotor_60", 0.010, 0.016)] {
+        let scenario = shipped(name);
+        let flights = fly(&scenario, LgsIndi, 1, SEEDS);
+        assert!(metric(&flights, DEVIATION).0 <= altitude_m, "{name}");
+        assert!(metric(&flights, "lateral_deviation_max_m").0 <= lateral_m, "{name}");
+        let passive = fly(&scenario, Lgs, 1, SEEDS);
+        assert!(metric(&passive, "lateral_deviation_max_m").0 > 10.0 * lateral_m, "the push is there: {name}");
+    }
+}
+
+#[test]
+fn linear_baselines_deviate_as_they_were_tuned() {
+    let scenario = shipped("flight");
+    for (controller, low_m, high_m) in [(Lqi, 0.09, 0.11), (PidOpt, 0.04, 0.055)] {
+        let (deviation, _) = metric(&fly(&scenario, controller, 1, SEEDS), DEVIATION);
+        assert!((low_m..=high_m).contains(&deviation), "{controller}: {deviation}");
+    }
 }
 
 /// Largest distance between two flights, m.

@@ -4,6 +4,7 @@
 //! the paper's figures. Both give every law the same starting gains, so that only the law differs.
 use crate::airframe::Airframe;
 use crate::attitude::AttitudeGains;
+use crate::indi::IndiConfig;
 use crate::law::{LgsGains, RawGains, TABLE_2_PSI, TABLE_2_X, TABLE_2_Y, TABLE_2_Z};
 use crate::{GRAVITY_M_S2, Law};
 use core::fmt;
@@ -59,6 +60,8 @@ pub struct Config {
     pub cascade: Cascade,
     /// Whether turning the machine turns its thrust: false only for the paper's eq 1, which forgets it.
     pub yaw_turns_thrust: bool,
+    /// The incremental inner loop, or none: then the coupling of the body is fed forward.
+    pub indi: Option<IndiConfig>,
     /// Gains of every loop.
     pub gains: Gains,
     /// Nominal tick rate, Hz.
@@ -228,6 +231,41 @@ impl Gains {
         }
     }
 
+    /// The flight table with other fixed gains (p, i, d) of x and y, z, psi, and of roll and pitch, scaled alike.
+    fn fixed(airframe: &Airframe, outer: [[f32; 3]; 3], inner: AttitudeGains) -> Self {
+        let flight = Self::flight(airframe);
+        let [horizontal, altitude, heading] = outer;
+        let mass_ratio = airframe.mass_kg / TABLE_MASS_KG;
+        let [x_ratio, y_ratio, z_ratio] = core::array::from_fn(|i| airframe.inertia_kg_m2[i] / TABLE_INERTIA_KG_M2[i]);
+        let with = |axis: AxisConfig, k0: [f32; 3], ratio| AxisConfig { k0: k0.map(|k| ratio * k), ..axis };
+        Self {
+            x: with(flight.x, horizontal, 1.0),
+            y: with(flight.y, horizontal, 1.0),
+            z: with(flight.z, altitude, mass_ratio),
+            psi: with(flight.psi, heading, z_ratio),
+            phi: inner.scaled(x_ratio),
+            theta: inner.scaled(y_ratio),
+        }
+    }
+
+    /// Baseline: gains by linear-quadratic regulation with integral action.
+    ///
+    /// # Source
+    /// docs/control-law.md, "Baselines".
+    pub fn lqi(airframe: &Airframe) -> Self {
+        let outer = [[5.75, 1.41, 4.64], [27.88, 20.0, 9.43], [1.14, 0.22, 0.65]];
+        Self::fixed(airframe, outer, AttitudeGains { kp: 3.0, ki: 1.0, kd: 0.6 })
+    }
+
+    /// Baseline: gains that an optimiser found on the fault of `flight.toml`.
+    ///
+    /// # Source
+    /// docs/control-law.md, "Baselines".
+    pub fn optimised(airframe: &Airframe) -> Self {
+        let outer = [[11.12, 0.01, 7.9], [48.57, 88.8, 16.31], [1.23, 0.01, 0.46]];
+        Self::fixed(airframe, outer, AttitudeGains { kp: 3.11, ki: 0.52, kd: 0.67 })
+    }
+
     /// Starting gains of the paper's set-up, whose own are lost, and the inner PIDs of Table 2.
     ///
     /// # Source
@@ -304,6 +342,7 @@ impl Config {
             law,
             cascade: Cascade::Flight,
             yaw_turns_thrust: true,
+            indi: None,
             gains: Gains::flight(&airframe),
             control_hz: 500.0,
             filter_hz: 25.0,

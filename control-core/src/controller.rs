@@ -16,6 +16,7 @@ use crate::config::{Cascade, Config, ConfigError};
 use crate::filter::LowPass;
 use crate::frames::{Body, Ned, Vec3};
 use crate::guidance::{Angles, Guidance, Inner, Outer};
+use crate::indi::{Indi, IndiState};
 use crate::law::{AxisInput, AxisLaw, AxisState, Law, Lesson};
 use crate::math::wrap_pi;
 use crate::signals::{Input, Output, Telemetry};
@@ -29,6 +30,7 @@ pub struct State<S: Scalar = f32> {
     /// The axis that learns next.
     turn: usize,
     tilt_integrals: [S::Sum; 2],
+    indi: IndiState<S>,
     guard: YawGuard<S>,
     tilt_setpoint_rad: [S; 2],
     /// What the tilt limit refused, north and east, m/s².
@@ -52,6 +54,7 @@ pub struct Controller<S: Scalar = f32> {
     always_integrates: S::Mask,
     cascade: Cascade,
     coupling: Coupling<S>,
+    indi: Option<Indi<S>>,
     weight_n: S,
     yaw_brake_nm_s: S,
     filter_rad_s: S,
@@ -141,7 +144,7 @@ impl<S: Scalar> Controller<S> {
     /// [`ConfigError`] names the first field that cannot fly, its value and what is allowed.
     pub fn try_new(config: &Config) -> Result<Self, ConfigError> {
         config.check_rates()?;
-        let Config { airframe, law, cascade, yaw_turns_thrust, gains, control_hz, filter_hz } = *config;
+        let Config { airframe, law, cascade, yaw_turns_thrust, indi, gains, control_hz, filter_hz } = *config;
         let s = S::from_f32;
         Ok(Self {
             allocator: Allocator::try_new(&airframe, cascade == Cascade::Flight)?,
@@ -158,6 +161,7 @@ impl<S: Scalar> Controller<S> {
             always_integrates: S::Mask::splat(cascade == Cascade::Paper),
             cascade,
             coupling: Coupling::new(cascade, airframe.inertia_kg_m2),
+            indi: indi.map(|indi| Indi::try_new(indi, airframe.inertia_kg_m2)).transpose()?,
             weight_n: s(airframe.weight_n()),
             yaw_brake_nm_s: s(gains.psi.k0[2]),
             filter_rad_s: s(core::f32::consts::TAU * filter_hz),
@@ -176,6 +180,7 @@ impl<S: Scalar> Controller<S> {
             axes: [x.state(S::ZERO), y.state(S::ZERO), z.state(carried_n), psi.state(S::ZERO)],
             turn: 0,
             tilt_integrals: [S::ZERO.to_sum(); 2],
+            indi: IndiState::at_rest(),
             guard: YawGuard::new(),
             tilt_setpoint_rad: [S::ZERO; 2],
             refused_m_s2: [S::ZERO; 2],
@@ -217,12 +222,23 @@ impl<S: Scalar> Controller<S> {
         let dt_s = input.dt_s.clamp(self.dt_s_range.0, self.dt_s_range.1);
         let (outer, heading_nm) = self.outer(state, input.rate_rad_s, errors, dt_s);
         let inner = self.guidance.convert(&outer, angles);
-        let torque = self.inner(state, input.rate_rad_s, angles, &inner, dt_s);
+        let wanted =
+            self.inner(state, input.rate_rad_s, angles, &inner, dt_s) + Vec3::new(S::ZERO, S::ZERO, heading_nm);
+        let coupling = self.coupling.torque_nm(input.rate_rad_s);
+        let torque = match &self.indi {
+            // What the coupling takes is not felt, and so asked for again.
+            Some(indi) => {
+                let wanted = wanted + Vec3::new(S::ZERO, S::ZERO, coupling.z);
+                let refused_nm = [state.refused.roll_nm, state.refused.pitch_nm];
+                indi.step(&mut state.indi, wanted, refused_nm, input.rate_rad_s, dt_s)
+            }
+            None => wanted + coupling,
+        };
         let allocation = self.allocator.allocate(&Demand {
             thrust_n: inner.thrust_n,
             roll_nm: torque.x,
             pitch_nm: torque.y,
-            yaw_nm: torque.z + heading_nm,
+            yaw_nm: torque.z,
         });
         state.tilt_setpoint_rad = [inner.roll_rad, inner.pitch_rad];
         state.refused_m_s2 = [inner.refused_north_m_s2, inner.refused_east_m_s2];
@@ -280,7 +296,7 @@ impl<S: Scalar> Controller<S> {
         }
     }
 
-    /// Roll and pitch torques, and what the body's coupling wants on all three axes.
+    /// The torques that roll and pitch want.
     fn inner(
         &self,
         state: &mut State<S>,
@@ -304,7 +320,7 @@ impl<S: Scalar> Controller<S> {
         };
         let roll_nm = self.roll.step(roll_integral, &roll);
         let pitch_nm = self.pitch.step(pitch_integral, &pitch);
-        Vec3::new(roll_nm, pitch_nm, S::ZERO) + self.coupling.torque_nm(rate)
+        Vec3::new(roll_nm, pitch_nm, S::ZERO)
     }
 
     fn braking(&self, state: &mut State<S>, error_rad: S, rate_rad_s: S, dt_s: S) -> S::Mask {

@@ -49,7 +49,7 @@ impl<S: Scalar> Angles<S> {
         let sin_roll = r32 * inverse;
         let beyond = sin_roll * S::from_f32(UPSIDE_DOWN);
         let limit = S::from_f32(SINE_MAX);
-        let (roll_rad, _) = asin_and_cos(S::select(r33.lt(S::ZERO), beyond, sin_roll).clamp(-limit, limit));
+        let (roll_rad, _) = asin_and_cos(S::select(r33.lt(S::ZERO), beyond, sin_roll).clamp_abs(limit));
         Self { roll_rad, pitch_rad, yaw_rad: atan2(sin_yaw, cos_yaw), cos_yaw, sin_yaw, upright: r33 }
     }
 }
@@ -122,14 +122,14 @@ impl<S: Scalar> Guidance<S> {
 
         let limit = self.sin_tilt_max;
         let wanted = right / per_mass_m_s2;
-        let sin_roll = wanted.clamp(-limit, limit);
+        let sin_roll = wanted.clamp_abs(limit);
         let refused_right = (wanted - sin_roll) * per_mass_m_s2;
 
         // Away from zero: |sin_roll| is at most the sine of the tilt limit.
         let (roll_rad, cos_roll) = asin_and_cos(sin_roll);
         let reach = per_mass_m_s2 * cos_roll;
         let wanted = forward / reach;
-        let sin_pitch = wanted.clamp(-limit, limit);
+        let sin_pitch = wanted.clamp_abs(limit);
         let refused_forward = (wanted - sin_pitch) * reach;
 
         Inner {

@@ -33,6 +33,7 @@ mod controller;
 mod filter;
 pub mod frames;
 mod guidance;
+mod indi;
 pub mod law;
 pub mod math;
 mod scalar;
@@ -44,6 +45,7 @@ pub use allocation::{Allocation, Allocator, Demand};
 pub use attitude::AttitudeGains;
 pub use config::{AxisConfig, Cascade, Config, ConfigError, Gains};
 pub use controller::{Controller, State};
+pub use indi::IndiConfig;
 pub use law::{AxisTelemetry, Law};
 #[cfg(feature = "fixed")]
 pub use scalar::fixed::Q16;

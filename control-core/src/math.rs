@@ -30,8 +30,7 @@ const TANH_ARGUMENT_MAX: f32 = 3.646_738_5;
 /// # Source
 /// Continued fraction of tanh, truncated at the fifth term.
 pub fn tanh<S: Scalar>(x: S) -> S {
-    let limit = S::from_f32(TANH_ARGUMENT_MAX);
-    let x = x.clamp(-limit, limit);
+    let x = x.clamp_abs(S::from_f32(TANH_ARGUMENT_MAX));
     let y = x * x;
     let numerator = polynomial(y, [1.0, 1.0 / 9.0, 1.0 / 945.0]);
     let denominator = polynomial(y, [1.0, 4.0 / 9.0, 1.0 / 63.0]);
@@ -83,7 +82,7 @@ pub fn wrap_pi<S: Scalar>(angle_rad: S) -> S {
 
 /// What is left of `x` outside ±`half_width`: continuous, zero inside.
 pub fn dead_zone<S: Scalar>(x: S, half_width: S) -> S {
-    x - x.clamp(-half_width, half_width)
+    x - x.clamp_abs(half_width)
 }
 
 /// Sine, for synthetic motion on the board; no law calls it.

@@ -80,6 +80,11 @@ pub trait Scalar:
         Self::select(other.lt(self), self, other)
     }
 
+    /// `self` within `-limit..=limit`.
+    fn clamp_abs(self, limit: Self) -> Self {
+        self.clamp(-limit, limit)
+    }
+
     /// `self` within `low..=high`.
     fn clamp(self, low: Self, high: Self) -> Self {
         Self::select(self.lt(low), low, Self::select(high.lt(self), high, self))
@@ -123,6 +128,17 @@ macro_rules! float_scalar {
             #[inline]
             fn sqrt(self) -> Self {
                 $sqrt(self)
+            }
+
+            /// A branch where the trait would select: to the same bits, and half the instructions while inside.
+            #[inline]
+            fn clamp_abs(self, limit: Self) -> Self {
+                if self.abs() > limit {
+                    core::hint::cold_path();
+                    limit.copysign(self)
+                } else {
+                    self
+                }
             }
 
             #[inline]

@@ -1,12 +1,14 @@
 //! The command line.
 use crate::controllers::ControllerName;
 use crate::flight::{Flight, NumberFormat};
+use crate::limits::{CASES, loss_max};
 use crate::log::{Log, TickRecord};
 use crate::metrics::{Flown, METRICS, fly_measured};
 use crate::output::Files;
 use crate::plots::{Trace, comparison_svg, png};
 use crate::report::{Comparison, Entry};
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, THRUST_TO_WEIGHT};
+use crate::vehicle::{AirframeName, Vehicle, VehicleKeys};
 use clap::{Args, Parser, Subcommand};
 use rayon::prelude::*;
 use std::error::Error;
@@ -27,6 +29,8 @@ enum Command {
     Fly(FlyArgs),
     /// Fly the same flights under each controller: a table, report.md, results.json, and a figure.
     Compare(CompareArgs),
+    /// Print the largest loss of thrust that a hover survives, by linear program.
+    Limits(LimitsArgs),
     /// Print the JSON Schema of a scenario.
     Schema,
 }
@@ -56,11 +60,21 @@ struct FlyArgs {
 }
 
 #[derive(Args)]
+struct LimitsArgs {
+    /// The machine.
+    #[arg(value_enum)]
+    airframe: AirframeName,
+    /// Largest total thrust over weight.
+    #[arg(long, default_value_t = VehicleKeys::default().thrust_to_weight)]
+    thrust_to_weight: f64,
+}
+
+#[derive(Args)]
 struct CompareArgs {
     /// The scenario, a TOML file.
     scenario: PathBuf,
     /// Who flies, separated by commas.
-    #[arg(long, value_enum, value_delimiter = ',', default_values_t = ControllerName::ALL)]
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = ControllerName::MAIN)]
     controllers: Vec<ControllerName>,
     /// Number of seeds, and so of flights for each controller; more than one makes no difference without noise and wind.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=100_000))]
@@ -98,6 +112,7 @@ pub fn run() -> ExitCode {
     let result = match &command {
         Command::Fly(args) => fly(args),
         Command::Compare(args) => compare(args),
+        Command::Limits(args) => limits(args),
         Command::Schema => schema(),
     };
     result.map_or_else(
@@ -264,6 +279,24 @@ fn command_line(args: &CompareArgs, base: u64) -> String {
         names.join(","),
         args.seeds
     )
+}
+
+fn limits(args: &LimitsArgs) -> Result<(), Failure> {
+    let thrust_to_weight = args.thrust_to_weight;
+    if !(THRUST_TO_WEIGHT.0..=THRUST_TO_WEIGHT.1).contains(&thrust_to_weight) {
+        let (low, high) = THRUST_TO_WEIGHT;
+        return Err(Failure::bad_input(format!(
+            "--thrust-to-weight = {thrust_to_weight}: must be from {low} to {high}"
+        )));
+    }
+    let keys = VehicleKeys { thrust_to_weight, ..VehicleKeys::default() };
+    let vehicle = Vehicle::new(args.airframe, &keys);
+    println!("Largest loss of thrust in a hover, thrust-to-weight {thrust_to_weight}:");
+    for (name, failing, heading) in CASES {
+        let limit = loss_max(&vehicle, failing, heading);
+        println!("{name:<30} {}", limit.map_or("cannot hover".to_owned(), |loss| format!("{:5.1} %", 100.0 * loss)));
+    }
+    Ok(())
 }
 
 fn schema() -> Result<(), Failure> {

@@ -2,7 +2,7 @@
 use crate::plant::PlantKind;
 use crate::scenario::Scenario;
 use control_core::law::RawGains;
-use control_core::{AttitudeGains, AxisConfig, Cascade, Config, Gains, Law};
+use control_core::{AttitudeGains, AxisConfig, Cascade, Config, Gains, IndiConfig, Law};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -10,8 +10,7 @@ use std::fmt;
 
 /// A controller that `fly` and `compare` know.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize, Serialize, JsonSchema, clap::ValueEnum)]
-#[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
+#[serde(rename_all = "kebab-case")]
 pub enum ControllerName {
     /// Fixed gains, those that the adaptive laws start from.
     Pid,
@@ -19,6 +18,14 @@ pub enum ControllerName {
     Raw,
     /// The robust Lyapunov-gain-scheduled law.
     Lgs,
+    /// The robust law outside, an incremental inner loop inside.
+    LgsIndi,
+    /// Fixed gains outside, an incremental inner loop inside.
+    Indi,
+    /// Fixed gains by linear-quadratic regulation with integral action.
+    Lqi,
+    /// Fixed gains found by optimisation (CMA-ES) on the shipped fault.
+    PidOpt,
 }
 
 impl fmt::Display for ControllerName {
@@ -27,6 +34,10 @@ impl fmt::Display for ControllerName {
             Self::Pid => "pid",
             Self::Raw => "raw",
             Self::Lgs => "lgs",
+            Self::LgsIndi => "lgs-indi",
+            Self::Indi => "indi",
+            Self::Lqi => "lqi",
+            Self::PidOpt => "pid-opt",
         })
     }
 }
@@ -224,22 +235,28 @@ fn collect_numbers(path: String, value: &Value, values: &mut Vec<(String, f64)>)
 }
 
 impl ControllerName {
-    /// All of them, in the order of tables.
-    pub const ALL: [Self; 3] = [Self::Pid, Self::Raw, Self::Lgs];
+    /// What the project is about, in the order of tables: what is compared unless the command line says otherwise.
+    pub const MAIN: [Self; 3] = [Self::Pid, Self::Raw, Self::Lgs];
 
     /// What this controller flies with in `scenario`.
     pub fn config(self, scenario: &Scenario) -> Config {
         let law = match self {
-            Self::Pid => Law::Pid,
+            Self::Pid | Self::Indi | Self::Lqi | Self::PidOpt => Law::Pid,
             Self::Raw => Law::Raw,
-            Self::Lgs => Law::Lgs,
+            Self::Lgs | Self::LgsIndi => Law::Lgs,
         };
         let airframe = scenario.vehicle().airframe();
         let mut config = match scenario.plant {
-            // The robust law brings its own cascade: its weight must ride on the integral.
-            PlantKind::Paper if law != Law::Lgs => Config::paper(law, airframe),
+            // Only these two are the paper's; the others bring their own cascade, with the weight on the integral.
+            PlantKind::Paper if matches!(self, Self::Pid | Self::Raw) => Config::paper(law, airframe),
             PlantKind::Paper | PlantKind::Rigid => Config::flight(law, airframe),
         };
+        match self {
+            Self::Indi | Self::LgsIndi => config.indi = Some(IndiConfig::NOMINAL),
+            Self::Lqi => config.gains = Gains::lqi(&airframe),
+            Self::PidOpt => config.gains = Gains::optimised(&airframe),
+            Self::Pid | Self::Raw | Self::Lgs => {}
+        }
         config.yaw_turns_thrust = scenario.plant == PlantKind::Rigid;
         config.control_hz = scenario.control_hz() as f32;
         if let Some(keys) = scenario.controllers.get(&self) {
@@ -285,5 +302,6 @@ pub fn gains_json(config: &Config) -> Value {
         "cascade": match config.cascade { Cascade::Paper => "paper", Cascade::Flight => "flight" },
         "x": axis(&gains.x), "y": axis(&gains.y), "z": axis(&gains.z), "psi": axis(&gains.psi),
         "phi": attitude(&gains.phi), "theta": attitude(&gains.theta),
+        "indi": config.indi.map(|indi| json!({"motor_lag_s": f(indi.motor_lag_s), "filter_hz": f(indi.filter_hz)})),
     })
 }

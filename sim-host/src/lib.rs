@@ -7,6 +7,7 @@ pub mod controllers;
 pub mod fault;
 pub mod flight;
 pub mod ground;
+pub mod limits;
 pub mod log;
 pub mod metrics;
 pub mod output;

@@ -1,5 +1,6 @@
 //! A comparison in words and numbers: terminal table, JSON and Markdown.
 use crate::controllers::{ControllerName, gains_json};
+use crate::limits::{Heading, loss_max};
 use crate::metrics::{Flown, METRICS, median_and_worst};
 use crate::plant::PlantKind;
 use crate::reference::Reference;
@@ -181,6 +182,7 @@ impl Comparison<'_> {
             }
         }
         findings.extend(self.against_pid());
+        findings.extend(self.against_physics());
         if self.scenario.plant == PlantKind::Paper {
             findings.push(
                 "pid and raw fly the paper's cascade from the same starting gains; lgs flies its own, with the \
@@ -194,6 +196,31 @@ impl Comparison<'_> {
     /// Whether nothing but the controller itself moves the machine before the fault.
     fn is_calm(&self) -> bool {
         self.scenario.wind.gust_rms_n == 0.0 && !matches!(self.scenario.reference, Reference::Helix(_))
+    }
+
+    /// Each fault beside the largest that a hover of this machine survives at all.
+    fn against_physics(&self) -> Vec<String> {
+        if self.scenario.plant == PlantKind::Paper {
+            return Vec::new();
+        }
+        let vehicle = self.scenario.vehicle();
+        let percent = |loss: f64| format!("{:.1} %", 100.0 * loss);
+        let limit =
+            |rotors: &[u8], heading| loss_max(&vehicle, rotors, heading).map_or_else(|| "none".to_owned(), percent);
+        self.scenario
+            .fault
+            .iter()
+            .map(|fault| {
+                let rotors: Vec<_> = fault.rotors.iter().map(ToString::to_string).collect();
+                format!(
+                    "The fault takes {} of rotors {}; a hover survives up to {} with its heading, {} without.",
+                    percent(fault.loss),
+                    rotors.join(", "),
+                    limit(&fault.rotors, Heading::Held),
+                    limit(&fault.rotors, Heading::GivenUp)
+                )
+            })
+            .collect()
     }
 
     /// How much of fixed gains' altitude deviation is left.

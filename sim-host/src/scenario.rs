@@ -16,6 +16,7 @@ use std::collections::BTreeMap;
 mod check;
 mod load;
 
+pub use check::THRUST_TO_WEIGHT;
 pub use load::ScenarioError;
 
 /// One flight, as data. Times in seconds from the start; the flight starts hovering at the reference.

@@ -30,6 +30,8 @@ fn refuse(key: &str, value: impl std::fmt::Display, allowed: &str) -> Check {
     Err(Wrong { key: key.to_owned(), value: value.to_string(), allowed: allowed.to_owned() })
 }
 
+/// Smallest and largest thrust-to-weight ratio that is flown.
+pub const THRUST_TO_WEIGHT: (f64, f64) = (1.05, 20.0);
 /// Farthest setpoint, m.
 const POSITION_M_MAX: f64 = 1000.0;
 /// Longest flight: a day, s.
@@ -71,7 +73,7 @@ impl Scenario {
             linear_drag_n_s_m,
             yaw_drag_n_m_s,
         } = self.vehicle;
-        range("vehicle.thrust_to_weight", thrust_to_weight, 1.05, 20.0)?;
+        range("vehicle.thrust_to_weight", thrust_to_weight, THRUST_TO_WEIGHT.0, THRUST_TO_WEIGHT.1)?;
         range("vehicle.motor_lag_s", motor_lag_s, 0.0, 1.0)?;
         if motor_lag_s > 0.0 && motor_lag_s < 0.5 / (self.control_hz() * f64::from(self.plant_steps)) {
             return refuse("vehicle.motor_lag_s", motor_lag_s, "0, or at least half a plant step: raise plant_steps");
