@@ -79,12 +79,12 @@ fn only_the_simulator_draws_random_numbers() {
 
 #[test]
 fn every_shipped_scenario_loads_and_says_what_it_shows() {
-    let mut count = 0;
+    let mut titles = std::collections::BTreeSet::new();
     for entry in std::fs::read_dir(root().join("scenarios")).expect("scenarios") {
         let path = entry.expect("an entry").path();
         let scenario = sim_host::scenario::Scenario::load(&path).unwrap_or_else(|error| panic!("{error}"));
         assert!(!scenario.title.is_empty(), "{}", path.display());
-        count += 1;
+        assert!(titles.insert(scenario.title), "{}: another scenario has its title", path.display());
     }
-    assert!(count >= 10);
+    assert!(titles.len() >= 10);
 }

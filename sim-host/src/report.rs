@@ -213,8 +213,9 @@ impl Comparison<'_> {
             .map(|fault| {
                 let rotors: Vec<_> = fault.rotors.iter().map(ToString::to_string).collect();
                 format!(
-                    "The fault takes {} of rotors {}; a hover survives up to {} with its heading, {} without.",
+                    "The fault takes {} of rotor{} {}; a hover survives up to {} with its heading, {} without.",
                     percent(fault.loss),
+                    if rotors.len() == 1 { "" } else { "s" },
                     rotors.join(", "),
                     limit(&fault.rotors, Heading::Held),
                     limit(&fault.rotors, Heading::GivenUp)
