@@ -52,6 +52,7 @@ fn bad_scenarios_are_refused_in_one_line_that_names_the_key() {
         ("not a number", "loss    = 0.4", "loss    = nan", ["fault[0].loss", "NaN", "a number from 0 to 1"]),
         ("negative mass", "[vehicle]", "[vehicle]\nmass_kg = -0.5", ["vehicle.mass_kg", "-0.5", "from 0.01 to 100"]),
         ("a fifth rotor", "rotors  = [1, 2, 3, 4]", "rotors = [5]", ["fault[0].rotors[0]", "5", "rotors 1 to 4"]),
+        ("a negative rotor", "rotors  = [1, 2, 3, 4]", "rotors = [-1]", ["fault[0].rotors[0]", "-1", "rotors 1 to 4"]),
         ("a word for a number", "loss    = 0.4", "loss = \"much\"", ["fault[0].loss", "\"much\"", "expected f64"]),
         ("broken TOML", "[vehicle]", "[vehicle", ["changed.toml:", "[vehicle", "expected"]),
         (
@@ -82,6 +83,15 @@ fn a_missing_file_is_named() {
 }
 
 #[test]
+fn a_file_in_the_place_of_out_is_refused_before_anything_is_flown() {
+    let file = tempfile::NamedTempFile::new().expect("a file");
+    let path = file.path().to_str().expect("a plain path");
+    let result = sim_host(&["compare", "scenarios/flight.toml", "--seeds", "100000", "--out", path]);
+    assert_eq!(result.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&result.stderr).contains("is not a folder"));
+}
+
+#[test]
 fn compare_writes_its_results_and_prints_only_json_when_asked() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("results");
@@ -99,9 +109,19 @@ fn compare_writes_its_results_and_prints_only_json_when_asked() {
         .map(|entry| entry.expect("an entry").file_name().into_string().expect("a name"))
         .collect();
     names.sort();
-    assert_eq!(names, ["comparison.png", "comparison.svg", "report.md", "results.json"]);
-    let report = std::fs::read_to_string(out.join("report.md")).expect("a report");
+    let figures = ["commands", "gains", "lyapunov", "overview", "thrusts", "trajectories"];
+    for name in figures.map(|name| format!("{name}.png")) {
+        assert!(names.contains(&name), "{name} is not in {names:?}");
+    }
+    for name in ["log_lgs.csv", "log_pid.csv", "log_raw.csv", "report.html", "results.json"] {
+        assert!(names.iter().any(|found| found == name), "{name} is not in {names:?}");
+    }
+    assert_eq!(names.len(), figures.len() + 5, "{names:?}");
+    let report = std::fs::read_to_string(out.join("report.html")).expect("a report");
     assert!(report.contains("raw limit-cycles"), "the report says what the table hides");
+    assert_eq!(report.matches("<svg").count(), figures.len());
+    assert!(report.contains("[[fault]]"), "the scenario that reproduces it");
+    assert!(!report.contains("src=") && !report.contains("href="), "it opens offline");
 }
 
 #[test]

@@ -186,7 +186,7 @@ fn profiles() -> impl Strategy<Value = Profile> {
 }
 
 fn faults() -> impl Strategy<Value = Fault> {
-    let rotors = prop::sample::subsequence(vec![1_u8, 2, 3, 4], 1..=4);
+    let rotors = prop::sample::subsequence(vec![1_i64, 2, 3, 4], 1..=4);
     (rotors, 0.0_f64..0.5, 2.0_f64..15.0, 0.5_f64..10.0, profiles()).prop_map(
         |(rotors, loss, from_s, lasts_s, profile)| Fault {
             kind: FaultKind::LossOfEffectiveness,

@@ -1,17 +1,19 @@
 //! The command line.
 use crate::controllers::ControllerName;
-use crate::flight::{Flight, NumberFormat};
-use crate::limits::{CASES, loss_max};
+use crate::figures::{FIGURES, Figure, Trace, png, svg};
+use crate::flight::{Flight, NumberFormat, Sample};
+use crate::limits::{CASES, Heading, loss_max};
 use crate::log::{Log, TickRecord};
 use crate::metrics::{Flown, METRICS, fly_measured};
 use crate::output::Files;
-use crate::plots::{Trace, comparison_svg, png};
-use crate::report::{Comparison, Entry};
+use crate::report::{Comparison, Entry, Page};
 use crate::scenario::{Scenario, THRUST_TO_WEIGHT};
 use crate::vehicle::{AirframeName, Vehicle, VehicleKeys};
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use indicatif::ProgressBar;
 use rayon::prelude::*;
 use std::error::Error;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -25,9 +27,9 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Fly once: log.csv, and a figure.
+    /// Fly once: log.csv, and figures.
     Fly(FlyArgs),
-    /// Fly the same flights under each controller: a table, report.md, results.json, and a figure.
+    /// Fly the same flights under each controller: a table, report.html, results.json, logs and figures.
     Compare(CompareArgs),
     /// Print the largest loss of thrust that a hover survives, by linear program.
     Limits(LimitsArgs),
@@ -140,20 +142,11 @@ impl Failure {
     fn writing(folder: &Path) -> impl FnOnce(std::io::Error) -> Self {
         move |error| Self { text: format!("{}: cannot be written: {error}", folder.display()), code: 1 }
     }
-
-    #[expect(clippy::needless_pass_by_value, reason = "the shape that map_err wants")]
-    fn drawing(error: Box<dyn Error>) -> Self {
-        Self { text: format!("the figure cannot be drawn: {error}"), code: 1 }
-    }
 }
 
 /// The scenario's file name without folder and ending.
 fn name_of(scenario: &Path) -> String {
     scenario.file_stem().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-fn folder(out: Option<&PathBuf>, scenario: &Path) -> PathBuf {
-    out.cloned().unwrap_or_else(|| Path::new("out").join(name_of(scenario)))
 }
 
 fn load(file: &Path) -> Result<Scenario, Failure> {
@@ -164,21 +157,47 @@ fn refused(scenario: &Path, controller: ControllerName) -> impl FnOnce(control_c
     move |error| Failure::bad_input(format!("{}: controllers.{controller}: {error}", scenario.display()))
 }
 
-fn add_figure(
-    files: &mut Files,
-    stem: &str,
-    title: &str,
-    traces: &[Trace],
-    scenario: &Scenario,
-) -> Result<(), Failure> {
-    let svg = comparison_svg(title, traces, &scenario.fault_windows_s()).map_err(Failure::drawing)?;
-    files.add(format!("{stem}.png"), png(&svg).map_err(Failure::drawing)?);
-    files.add(format!("{stem}.svg"), svg);
-    Ok(())
+/// The folder for results; refused before anything is flown if it is something else.
+fn folder(out: Option<&PathBuf>, scenario: &Path) -> Result<PathBuf, Failure> {
+    let folder = out.cloned().unwrap_or_else(|| Path::new("out").join(name_of(scenario)));
+    if folder.exists() && !folder.is_dir() {
+        return Err(Failure::bad_input(format!("--out = {}: is not a folder", folder.display())));
+    }
+    Ok(folder)
+}
+
+/// Prints to standard output; a reader that has seen enough is no error.
+fn say(text: &str) -> Result<(), Failure> {
+    match std::io::stdout().lock().write_all(text.as_bytes()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Failure { text: format!("standard output: {error}"), code: 1 })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Draws every figure, adds each as PNG, and returns the SVGs.
+fn draw(files: &mut Files, traces: &[Trace], scenario: &Scenario) -> Result<Vec<(&'static Figure, String)>, Failure> {
+    let windows_s = scenario.fault_windows_s();
+    let drawn: Result<Vec<_>, Box<dyn Error + Send + Sync>> = FIGURES
+        .par_iter()
+        .map(|figure| {
+            let svg = svg(figure, traces, &windows_s).map_err(|error| error.to_string())?;
+            let png = png(&svg).map_err(|error| error.to_string())?;
+            Ok((figure, svg, png))
+        })
+        .collect();
+    let drawn = drawn.map_err(|error| Failure { text: format!("the figures cannot be drawn: {error}"), code: 1 })?;
+    let add = |(figure, svg, png): (&'static Figure, String, Vec<u8>)| {
+        files.add(format!("{}.png", figure.name), png);
+        (figure, svg)
+    };
+    Ok(drawn.into_iter().map(add).collect())
 }
 
 fn fly(args: &FlyArgs) -> Result<(), Failure> {
     let scenario = load(&args.scenario)?;
+    let folder = folder(args.out.as_ref(), &args.scenario)?;
     let controller = args.controller;
     let seed = args.seed.unwrap_or(scenario.seed);
     let flight = Flight { scenario: &scenario, controller, seed, format: args.format };
@@ -192,18 +211,14 @@ fn fly(args: &FlyArgs) -> Result<(), Failure> {
     })
     .map_err(refused(&args.scenario, controller))?;
 
-    let folder = folder(args.out.as_ref(), &args.scenario);
     let mut files = Files::default();
     files.add("log.csv", log.to_csv().map_err(Failure::writing(&folder))?);
-    let title = format!("{}: {controller}, seed {seed}", name_of(&args.scenario));
-    add_figure(&mut files, "flight", &title, &[Trace { controller, log: &log }], &scenario)?;
-    files.write(&folder).map_err(Failure::writing(&folder))?;
+    draw(&mut files, &[Trace { controller, log: &log }], &scenario)?;
     if let (Some(path), Some(ticks)) = (&args.ticks, &ticks) {
         std::fs::File::create(path).and_then(|file| ticks.write(file)).map_err(Failure::writing(path))?;
     }
-    print!("{}", summary(&flown));
-    println!("log.csv, flight.svg and flight.png are in {}", folder.display());
-    Ok(())
+    files.write(&folder).map_err(Failure::writing(&folder))?;
+    say(&format!("{}log.csv and the figures are in {}\n", summary(&flown), folder.display()))
 }
 
 /// The metrics of one flight, a line each.
@@ -220,32 +235,47 @@ fn summary(flown: &Flown) -> String {
 
 fn compare(args: &CompareArgs) -> Result<(), Failure> {
     let scenario = load(&args.scenario)?;
+    let folder = folder(args.out.as_ref(), &args.scenario)?;
     let base = args.seed.unwrap_or(scenario.seed);
+    let mut controllers = args.controllers.clone();
+    controllers.dedup();
+    // Drawn on a terminal only, on standard error.
+    let bar = ProgressBar::new(controllers.len() as u64 * args.seeds);
     let mut entries = Vec::new();
     let mut logs = Vec::new();
-    for &controller in &args.controllers {
-        let (flights, log) = fly_seeds(args, &scenario, controller, base)?;
+    for controller in controllers {
+        let (flights, log) = fly_seeds(args, &scenario, controller, base, &bar)?;
         entries.push(Entry { controller, config: controller.config(&scenario), flights });
         logs.push((controller, log));
     }
-    let comparison =
-        Comparison { name: name_of(&args.scenario), scenario: &scenario, seed: base, seeds: args.seeds, entries };
-    let traces: Vec<_> = logs.iter().map(|(controller, log)| Trace { controller: *controller, log }).collect();
+    bar.finish_and_clear();
+    let comparison = Comparison {
+        name: name_of(&args.scenario),
+        scenario: &scenario,
+        seed: base,
+        seeds: args.seeds,
+        format: args.format,
+        entries,
+    };
 
-    let json = format!("{:#}\n", comparison.json());
-    let folder = folder(args.out.as_ref(), &args.scenario);
     let mut files = Files::default();
-    files.add("report.md", comparison.markdown(&command_line(args, base)));
+    let traces: Vec<_> = logs.iter().map(|(controller, log)| Trace { controller: *controller, log }).collect();
+    let figures = draw(&mut files, &traces, &scenario)?;
+    for Trace { controller, log } in &traces {
+        files.add(format!("log_{controller}.csv"), log.to_csv().map_err(Failure::writing(&folder))?);
+    }
+    let scenario_text = std::fs::read_to_string(&args.scenario).map_err(Failure::bad_input)?;
+    let page = Page { command: &command_line(args, &comparison), scenario_text: &scenario_text, figures: &figures };
+    let json = format!("{:#}\n", comparison.json());
+    files.add("report.html", comparison.html(&page));
     files.add("results.json", json.clone());
-    add_figure(&mut files, "comparison", &scenario.title, &traces, &scenario)?;
     files.write(&folder).map_err(Failure::writing(&folder))?;
     if args.json {
-        print!("{json}");
-    } else {
-        print!("{}", comparison.table());
-        println!("report.md, results.json, comparison.svg and comparison.png are in {}", folder.display());
+        return say(&json);
     }
-    Ok(())
+    let where_to =
+        format!("report.html, results.json, a log for each controller and the figures are in {}", folder.display());
+    say(&format!("{}{where_to}\n", comparison.table()))
 }
 
 /// Every flight of one controller, and the log of the first.
@@ -254,30 +284,32 @@ fn fly_seeds(
     scenario: &Scenario,
     controller: ControllerName,
     base: u64,
+    bar: &ProgressBar,
 ) -> Result<(Vec<Flown>, Log), Failure> {
-    let fly = |seed: u64, log: Option<&mut Log>| {
+    let fly = |seed: u64, observe: &mut dyn FnMut(&Sample)| {
         let flight = Flight { scenario, controller, seed, format: args.format };
-        match log {
-            Some(log) => fly_measured(&flight, &mut |sample| log.note(sample)),
-            None => fly_measured(&flight, &mut |_| {}),
-        }
-        .map_err(refused(&args.scenario, controller))
+        let flown = fly_measured(&flight, observe).map_err(refused(&args.scenario, controller));
+        bar.inc(1);
+        flown
     };
     let mut log = Log::at_rate(LOG_HZ.into(), scenario.control_hz());
-    let mut flights = vec![fly(base, Some(&mut log))?];
-    let others: Result<Vec<_>, _> = (1..args.seeds).into_par_iter().map(|i| fly(base.wrapping_add(i), None)).collect();
+    let mut flights = vec![fly(base, &mut |sample| log.note(sample))?];
+    let others: Result<Vec<_>, _> =
+        (1..args.seeds).into_par_iter().map(|i| fly(base.wrapping_add(i), &mut |_| {})).collect();
     flights.extend(others?);
     Ok((flights, log))
 }
 
 /// The command that makes the same comparison again.
-fn command_line(args: &CompareArgs, base: u64) -> String {
-    let names: Vec<_> = args.controllers.iter().map(ToString::to_string).collect();
+fn command_line(args: &CompareArgs, comparison: &Comparison) -> String {
+    let names: Vec<_> = comparison.entries.iter().map(|entry| entry.controller.to_string()).collect();
+    let format = args.format.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
     format!(
-        "sim-host compare {} --controllers {} --seeds {} --seed {base}",
+        "sim-host compare {} --controllers {} --seeds {} --seed {} --format {format}",
         args.scenario.display(),
         names.join(","),
-        args.seeds
+        args.seeds,
+        comparison.seed,
     )
 }
 
@@ -291,17 +323,17 @@ fn limits(args: &LimitsArgs) -> Result<(), Failure> {
     }
     let keys = VehicleKeys { thrust_to_weight, ..VehicleKeys::default() };
     let vehicle = Vehicle::new(args.airframe, &keys);
-    println!("Largest loss of thrust in a hover, thrust-to-weight {thrust_to_weight}:");
-    for (name, failing, heading) in CASES {
+    let line = |(name, failing, heading): (&str, &[i64], Heading)| {
         let limit = loss_max(&vehicle, failing, heading);
-        println!("{name:<30} {}", limit.map_or("cannot hover".to_owned(), |loss| format!("{:5.1} %", 100.0 * loss)));
-    }
-    Ok(())
+        format!("{name:<30} {}", limit.map_or("cannot hover".to_owned(), |loss| format!("{:5.1} %", 100.0 * loss)))
+    };
+    let head = format!("Largest loss of thrust in a hover, thrust-to-weight {thrust_to_weight}:");
+    let lines: Vec<_> = std::iter::once(head).chain(CASES.map(line)).collect();
+    say(&(lines.join("\n") + "\n"))
 }
 
 fn schema() -> Result<(), Failure> {
     let schema = schemars::schema_for!(Scenario);
     let text = serde_json::to_string_pretty(&schema).map_err(Failure::bad_input)?;
-    println!("{text}");
-    Ok(())
+    say(&(text + "\n"))
 }

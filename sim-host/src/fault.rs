@@ -61,7 +61,7 @@ pub struct Fault {
     /// What breaks.
     pub kind: FaultKind,
     /// The rotors it breaks, 1 to 4.
-    pub rotors: Vec<u8>,
+    pub rotors: Vec<i64>,
     /// Share of the thrust that is lost, 0 to 1.
     pub loss: f64,
     /// Onset, s.
@@ -101,7 +101,8 @@ pub fn effectiveness(faults: &[Fault], t_s: f64) -> [f64; 4] {
     for fault in faults {
         let keeps = 1.0 - fault.loss_at(t_s);
         for &rotor in &fault.rotors {
-            shares[usize::from(rotor) - 1] *= keeps;
+            // A scenario is checked: rotors are 1 to 4.
+            shares[(rotor - 1) as usize] *= keeps;
         }
     }
     shares

@@ -13,7 +13,8 @@ use rand_pcg::Pcg64;
 use std::fmt;
 
 /// The arithmetic the controller flies in.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum NumberFormat {
     /// Single precision, as on the board.
     #[default]
@@ -51,6 +52,8 @@ pub struct Sample<'a> {
     pub input: &'a Input,
     /// What it answers.
     pub output: &'a Output,
+    /// What its answer asks of the body: u1 in N, u2 to u4 in N m.
+    pub commanded: &'a [f64; 4],
     /// What it thinks.
     pub telemetry: &'a Telemetry,
     /// Share of its thrust each rotor still makes.
@@ -166,7 +169,10 @@ impl Flight<'_> {
             let input = sensors.sample(&truth, &target, dt_s);
             let output = controller.tick(&mut state, &input.cast()).to_f32();
             let telemetry = controller.telemetry(&state).to_f32();
+            let command_n = output.thrust_n.map(f64::from);
+            let torque = vehicle.torque_n_m(&command_n);
             observe(&Sample {
+                commanded: &[command_n.iter().sum(), torque.x, torque.y, torque.z],
                 tick,
                 t_s,
                 target: &target,
@@ -179,7 +185,7 @@ impl Flight<'_> {
             if let Some(cause) = crash(&truth, &target) {
                 return Ok(Some(Crash { t_s, cause }));
             }
-            actuation.command_n = output.thrust_n.map(f64::from);
+            actuation.command_n = command_n;
             plant.advance(&actuation, dt_s, scenario.plant_steps);
             actuation.gust = gusts.step(dt_s);
         }

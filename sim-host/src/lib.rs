@@ -5,6 +5,7 @@
 pub mod cli;
 pub mod controllers;
 pub mod fault;
+pub mod figures;
 pub mod flight;
 pub mod ground;
 pub mod limits;
@@ -12,7 +13,6 @@ pub mod log;
 pub mod metrics;
 pub mod output;
 pub mod plant;
-pub mod plots;
 pub mod reference;
 pub mod report;
 pub mod scenario;

@@ -21,13 +21,13 @@ pub enum Heading {
 }
 
 /// Largest share of thrust that every rotor of `failing` (1 to 4) may lose in a hover; none if it cannot hover at all.
-pub fn loss_max(vehicle: &Vehicle, failing: &[u8], heading: Heading) -> Option<f64> {
+pub fn loss_max(vehicle: &Vehicle, failing: &[i64], heading: Heading) -> Option<f64> {
     let mut problem = Problem::new(OptimizationDirection::Maximize);
     let loss = problem.add_var(1.0, (0.0, 1.0));
     let thrust_n_max = vehicle.thrust_n_max();
     let thrusts: Vec<_> = (0..4).map(|_| problem.add_var(0.0, (0.0, thrust_n_max))).collect();
     for &rotor in failing {
-        let thrust = *thrusts.get(usize::from(rotor).checked_sub(1)?)?;
+        let thrust = *thrusts.get(usize::try_from(rotor - 1).ok()?)?;
         problem.add_constraint([(thrust, 1.0), (loss, thrust_n_max)], ComparisonOp::Le, thrust_n_max);
     }
     let mut balance = |of: &dyn Fn(usize) -> f64, total: f64| {
@@ -50,7 +50,7 @@ pub fn loss_max(vehicle: &Vehicle, failing: &[u8], heading: Heading) -> Option<f
 }
 
 /// What is asked of an airframe: a name for people, the failing rotors, and what of heading.
-pub const CASES: [(&str, &[u8], Heading); 7] = [
+pub const CASES: [(&str, &[i64], Heading); 7] = [
     ("all rotors", &[1, 2, 3, 4], Heading::Held),
     ("one rotor, heading held", &[1], Heading::Held),
     ("one rotor, heading given up", &[1], Heading::GivenUp),
@@ -65,7 +65,7 @@ mod tests {
     use super::*;
     use crate::vehicle::{AirframeName, Frame, VehicleKeys};
 
-    fn loss(thrust_to_weight: f64, frame: Frame, failing: &[u8], heading: Heading) -> Option<f64> {
+    fn loss(thrust_to_weight: f64, frame: Frame, failing: &[i64], heading: Heading) -> Option<f64> {
         let keys = VehicleKeys { thrust_to_weight, frame, ..VehicleKeys::default() };
         loss_max(&Vehicle::new(AirframeName::Paper, &keys), failing, heading)
     }
@@ -75,7 +75,7 @@ mod tests {
         for r in [1.2_f64, 1.8, 2.2, 3.0] {
             for frame in [Frame::Plus, Frame::X] {
                 for (why, failing, heading, want) in [
-                    ("all", &[1_u8, 2, 3, 4][..], Heading::Held, 1.0 - 1.0 / r),
+                    ("all", &[1_i64, 2, 3, 4][..], Heading::Held, 1.0 - 1.0 / r),
                     ("one, heading held", &[2], Heading::Held, 1.0 - 1.0 / r),
                     ("one, heading given up", &[3], Heading::GivenUp, (2.0 - 2.0 / r).min(1.0)),
                     ("a facing pair shares what one would carry", &[1, 3], Heading::Held, 1.0 - 1.0 / r),

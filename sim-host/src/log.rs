@@ -43,7 +43,11 @@ const MOTION: [Column; 18] = [
     ("yaw_error_rad", |x| x.yaw_error_rad()),
 ];
 
-const ROTORS: [Column; 12] = [
+const ROTORS: [Column; 16] = [
+    ("u1_n", |x| x.commanded[0]),
+    ("u2_nm", |x| x.commanded[1]),
+    ("u3_nm", |x| x.commanded[2]),
+    ("u4_nm", |x| x.commanded[3]),
     ("command_1_n", |x| x.output.thrust_n[0].into()),
     ("command_2_n", |x| x.output.thrust_n[1].into()),
     ("command_3_n", |x| x.output.thrust_n[2].into()),

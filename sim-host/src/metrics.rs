@@ -5,6 +5,8 @@ use control_core::{Axis, ConfigError};
 
 /// Band around the setpoint that counts as recovered, m.
 pub const RECOVERED_M: f64 = 0.1;
+/// How long before a jump of the reference its old value is read, s.
+const JUST_BEFORE_S: f64 = 1e-9;
 /// How much of the fault's end, and of the time before it, the learnt gain is averaged over, s.
 const GAIN_WINDOW_S: f64 = 5.0;
 /// How long before the fault a limit cycle is looked for, s.
@@ -162,13 +164,14 @@ impl Meter {
     fn new(scenario: &Scenario) -> Self {
         let windows_s = scenario.fault_windows_s();
         let jumps_s = scenario.reference.jumps_s();
-        let step = jumps_s.first().map(|&at_s| {
-            let next_s = jumps_s.get(1).copied();
+        let altitude = |t_s: f64| scenario.reference.target(t_s).position_m[2];
+        let first_step = jumps_s.iter().position(|&at_s| altitude(at_s - JUST_BEFORE_S) != altitude(at_s));
+        let step = first_step.map(|i| {
+            let at_s = jumps_s[i];
+            let next_s = jumps_s.get(i + 1).copied();
             let onset_s = windows_s.iter().map(|w| w.0).find(|&from_s| from_s > at_s);
             let end_s = [next_s, onset_s].into_iter().flatten().fold(scenario.duration_s, f64::min);
-            let altitude = |t_s| scenario.reference.target(t_s).position_m[2];
-            // Just before the jump, and at it.
-            (at_s, end_s, altitude(at_s - 1e-9), altitude(at_s))
+            (at_s, end_s, altitude(at_s - JUST_BEFORE_S), altitude(at_s))
         });
         let mut metrics = Metrics::default();
         if !windows_s.is_empty() {
@@ -204,7 +207,7 @@ impl Meter {
     /// Overshoot of the first step.
     fn note_step(&mut self, sample: &Sample) {
         let Some((at_s, end_s, from_m, to_m)) = self.step else { return };
-        if (at_s..end_s).contains(&sample.t_s) && to_m != from_m {
+        if (at_s..end_s).contains(&sample.t_s) {
             let beyond = (sample.truth.altitude_m() - to_m) * (to_m - from_m).signum();
             keep_max(&mut self.metrics.altitude_overshoot_m, beyond.max(0.0));
         }

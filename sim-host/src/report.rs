@@ -1,5 +1,6 @@
-//! A comparison in words and numbers: terminal table, JSON and Markdown.
+//! A comparison in words and numbers: terminal table, JSON and, in `html.rs`, the report.
 use crate::controllers::{ControllerName, gains_json};
+use crate::flight::NumberFormat;
 use crate::limits::{Heading, loss_max};
 use crate::metrics::{Flown, METRICS, median_and_worst};
 use crate::plant::PlantKind;
@@ -9,6 +10,10 @@ use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use control_core::Config;
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
+
+mod html;
+
+pub use html::Page;
 
 /// The flights of one controller.
 pub struct Entry {
@@ -30,6 +35,8 @@ pub struct Comparison<'a> {
     pub seed: u64,
     /// Number of seeds.
     pub seeds: u64,
+    /// The controllers' arithmetic.
+    pub format: NumberFormat,
     /// One entry a controller.
     pub entries: Vec<Entry>,
 }
@@ -108,6 +115,7 @@ impl Comparison<'_> {
             "scenario": self.name,
             "seeds": self.seeds,
             "seed": self.seed,
+            "format": self.format,
             "conditions": conditions(self.scenario),
             "controllers": controllers,
         })
@@ -206,7 +214,7 @@ impl Comparison<'_> {
         let vehicle = self.scenario.vehicle();
         let percent = |loss: f64| format!("{:.1} %", 100.0 * loss);
         let limit =
-            |rotors: &[u8], heading| loss_max(&vehicle, rotors, heading).map_or_else(|| "none".to_owned(), percent);
+            |rotors: &[i64], heading| loss_max(&vehicle, rotors, heading).map_or_else(|| "none".to_owned(), percent);
         self.scenario
             .fault
             .iter()
@@ -244,29 +252,5 @@ impl Comparison<'_> {
                 Some(format!("{name} is off in altitude by {adaptive} m in the fault, pid by {fixed} m: {ratio}."))
             })
             .collect()
-    }
-
-    /// The report as Markdown, with the figure beside it.
-    pub fn markdown(&self, command: &str) -> String {
-        let mut text = format!("# {}\n\n{}\n\nMade by `{command}`.\n\n", self.name, self.scenario.title);
-        let row = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
-        let header = self.header();
-        text += &row(&header);
-        text += &row(&vec!["---".to_owned(); header.len()]);
-        for cells in self.rows() {
-            text += &row(&cells);
-        }
-        text += "\n## What stands out\n\n";
-        for finding in self.findings() {
-            let _ = writeln!(text, "- {finding}");
-        }
-        let _ = write!(text, "\n![The flight with seed {} under each controller](comparison.svg)\n", self.seed);
-        text += "\n## What the metrics say\n\n";
-        for metric in &METRICS {
-            let _ = writeln!(text, "- `{}`: {}", metric.name, metric.title);
-        }
-        text += "\nMedian and worst are over the flights that did not crash. The true state is measured, at the control rate.\n";
-        text += "\nConditions, gains and every number: `results.json`.\n";
-        text
     }
 }

@@ -19,7 +19,7 @@ mod load;
 pub use check::THRUST_TO_WEIGHT;
 pub use load::ScenarioError;
 
-/// One flight, as data. Times in seconds from the start; the flight starts hovering at the reference.
+/// One flight, as data. Times in seconds from the start; the flight starts hovering above the origin.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Scenario {
@@ -58,7 +58,7 @@ pub struct Scenario {
     /// Faults.
     #[serde(default)]
     pub fault: Vec<Fault>,
-    /// What differs from a controller's own gains, by its name: `pid`, `raw` or `lgs`.
+    /// What differs from a controller's own gains, by the name that `compare` knows it by.
     #[serde(default)]
     pub controllers: BTreeMap<ControllerName, ControllerKeys>,
 }

@@ -34,8 +34,8 @@ fn refuse(key: &str, value: impl std::fmt::Display, allowed: &str) -> Check {
 pub const THRUST_TO_WEIGHT: (f64, f64) = (1.05, 20.0);
 /// Farthest setpoint, m.
 const POSITION_M_MAX: f64 = 1000.0;
-/// Longest flight: a day, s.
-const DURATION_S_MAX: f64 = 86_400.0;
+/// Longest flight: two hours, whose log at 100 rows a second still fits in memory, s.
+const DURATION_S_MAX: f64 = 7200.0;
 /// A hundred turns, rad.
 const YAW_RAD_MAX: f64 = 628.0;
 
