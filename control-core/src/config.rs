@@ -104,12 +104,14 @@ fn within(
 
 /// Largest value of any gain or parameter: the end of Q16.16, with room for a product.
 const VALUE_MAX: f32 = 1e4;
-/// Smallest value that is not zero: Q16.16 still resolves it.
-const VALUE_MIN: f32 = 1e-4;
+/// Smallest value that is not zero: the gains of a machine of 30 g, k_i of its heading 8e-5, with room below.
+///
+/// Q16.16 resolves 1.5e-5: it flies such a gain coarsely, and one below half of that as zero. Those are for `f32`.
+const VALUE_MIN: f32 = 1e-6;
 
 /// Refuses what is not a number from [`VALUE_MIN`] to [`VALUE_MAX`].
 pub(crate) fn positive(part: &'static str, field: &'static str, value: f32) -> Result<(), ConfigError> {
-    within((part, field), value, (VALUE_MIN, VALUE_MAX), "a number from 0.0001 to 10000")
+    within((part, field), value, (VALUE_MIN, VALUE_MAX), "a number from 0.000001 to 10000")
 }
 
 /// Refuses what is not a number from 0 to [`VALUE_MAX`].
@@ -123,7 +125,7 @@ impl Airframe {
         const PART: &str = "airframe";
         positive(PART, "mass_kg", self.mass_kg)?;
         for inertia in self.inertia_kg_m2 {
-            within((PART, "inertia_kg_m2"), inertia, (1e-6, VALUE_MAX), "a number from 0.000001 to 10000")?;
+            positive(PART, "inertia_kg_m2", inertia)?;
         }
         positive(PART, "torque_per_thrust_m", self.torque_per_thrust_m)?;
         not_negative(PART, "thrust_n_min", self.thrust_n_min)?;
@@ -393,6 +395,16 @@ mod tests {
             let error = Controller::<f32>::try_new(&config).map(|_| ()).expect_err(why).to_string();
             assert!(error.contains(says), "{why}: {error}");
         }
+    }
+
+    #[test]
+    fn gains_of_a_small_machine_are_accepted_and_smaller_ones_named() {
+        let mut config = Config::flight(Law::Lgs, Airframe::paper(2.2));
+        config.gains.psi.k0[1] = 7.8e-5;
+        assert!(Controller::<f32>::try_new(&config).is_ok());
+        config.gains.psi.k0[1] = 9e-7;
+        let error = Controller::<f32>::try_new(&config).map(|_| ()).expect_err("below the range").to_string();
+        assert!(error.contains("psi.k0.i") && error.contains("from 0.000001 to 10000"), "{error}");
     }
 
     #[test]

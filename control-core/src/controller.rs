@@ -29,6 +29,8 @@ pub struct State<S: Scalar = f32> {
     axes: [AxisState<S>; AXES],
     /// The axis that learns next.
     turn: usize,
+    /// How long the last ticks were, one in each turn.
+    ticks_s: [S; AXES],
     tilt_integrals: [S::Sum; 2],
     indi: IndiState<S>,
     guard: YawGuard<S>,
@@ -113,21 +115,22 @@ impl<S: Scalar> Errors<S> {
 
     /// Whether every number behind these errors is finite and of a size that can be true, and the attitude a rotation.
     ///
-    /// One sum of squares shows all: NaN and infinity survive it, and every entry of the attitude is in the acceleration.
+    /// One sum of squares shows all sizes: NaN and infinity survive it, and the acceleration has every entry of the
+    /// attitude.
     fn are_plausible(&self, input: &Input<S>) -> S::Mask {
         let [[r11, ..], [r21, ..], [r31, r32, r33]] = input.attitude.rows;
         let skew = Vec3::<Body, S>::new(r11, r21, r31).norm_squared() - S::ONE;
         let stretch = Vec3::<Body, S>::new(r31, r32, r33).norm_squared() - S::ONE;
-        let crooked = (skew * skew + stretch * stretch) * S::from_f32(PLAUSIBLE_MAX / (CROOKED_MAX * CROOKED_MAX));
+        let crooked = skew * skew + stretch * stretch;
         let sum = self.position_m.norm_squared()
             + self.velocity_m_s.norm_squared()
             + self.acceleration_m_s2.norm_squared()
             + input.rate_rad_s.norm_squared()
             + self.yaw_rad * self.yaw_rad
             + self.yaw_rate_rad_s * self.yaw_rate_rad_s
-            + input.dt_s * input.dt_s
-            + crooked;
-        sum.lt(S::from_f32(PLAUSIBLE_MAX))
+            + input.dt_s * input.dt_s;
+        // Each on its own scale: on one, the limit of the crooked would be beyond Q16.16.
+        sum.lt(S::from_f32(PLAUSIBLE_MAX)) & crooked.lt(S::from_f32(CROOKED_MAX * CROOKED_MAX))
     }
 }
 
@@ -179,6 +182,7 @@ impl<S: Scalar> Controller<S> {
         State {
             axes: [x.state(S::ZERO), y.state(S::ZERO), z.state(carried_n), psi.state(S::ZERO)],
             turn: 0,
+            ticks_s: [S::ZERO; AXES],
             tilt_integrals: [S::ZERO.to_sum(); 2],
             indi: IndiState::at_rest(),
             guard: YawGuard::new(),
@@ -270,7 +274,10 @@ impl<S: Scalar> Controller<S> {
         if self.in_turn {
             let turn = state.turn % AXES;
             state.turn = turn + 1;
-            self.learn_axis(turn, state, errors, braking, dt_s * S::from_f32(AXES as f32));
+            state.ticks_s[turn] = dt_s;
+            let [a, b, c, d] = state.ticks_s;
+            // In pairs: equal ticks add up without rounding.
+            self.learn_axis(turn, state, errors, braking, (a + b) + (c + d));
         } else {
             for axis in 0..AXES {
                 self.learn_axis(axis, state, errors, braking, dt_s);
@@ -328,5 +335,68 @@ impl<S: Scalar> Controller<S> {
             Cascade::Paper => S::Mask::splat(false),
             Cascade::Flight => state.guard.step(error_rad, rate_rad_s, state.refused.yaw_nm, dt_s),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Airframe;
+    use std::format;
+
+    fn flight<S: Scalar>(law: Law) -> (Controller<S>, State<S>) {
+        let controller = Controller::try_new(&Config::flight(law, Airframe::paper(2.2))).expect("the shipped gains");
+        let state = controller.hover_state();
+        (controller, state)
+    }
+
+    /// How far a second 0.1 m below the setpoint moves the altitude command, its ticks as long as `dt_s` in turn.
+    fn moved_in_a_second(law: Law, dt_s: [f32; AXES]) -> f32 {
+        let (controller, mut state) = flight::<f32>(law);
+        // Altitude is the last of each four to learn, so that the last tick's lesson closes the second.
+        state.turn = 3;
+        let mut input = Input::hovering();
+        input.position_m.z = 0.1;
+        let mut tick = |dt_s| {
+            input.dt_s = dt_s;
+            assert!(!controller.tick(&mut state, &input).rejected);
+            controller.telemetry(&state).axes[2].command
+        };
+        let first = tick(dt_s[0]);
+        dt_s.into_iter().cycle().take(501).skip(1).fold(first, |_, dt_s| tick(dt_s)) - first
+    }
+
+    #[test]
+    fn a_late_tick_is_learnt_once_whosever_turn_it_is() {
+        let short_s = 0.008 / 6.0;
+        for law in [Law::Pid, Law::Lgs] {
+            let steady = moved_in_a_second(law, [0.002; AXES]);
+            assert!(steady > 0.5, "{law:?} {steady}");
+            for late in 0..AXES {
+                let mut dt_s = [short_s; AXES];
+                dt_s[late] = 3.0 * short_s;
+                let moved = moved_in_a_second(law, dt_s);
+                assert!((moved - steady).abs() < 0.01 * steady, "{law:?}, {late} late: {moved}, steady {steady}");
+            }
+        }
+    }
+
+    fn refuses_a_crooked_attitude<S: Scalar>() {
+        let (controller, mut state) = flight::<S>(Law::Lgs);
+        assert!(!controller.tick(&mut state, &Input::hovering()).rejected);
+        let mut input = Input::hovering();
+        input.attitude.rows[2][0] = S::from_f32(0.8);
+        let before = state;
+        assert!(controller.tick(&mut state, &input).rejected);
+        state.output.rejected = false;
+        assert_eq!(format!("{state:?}"), format!("{before:?}"));
+    }
+
+    #[test]
+    fn a_crooked_attitude_changes_nothing_in_any_format() {
+        refuses_a_crooked_attitude::<f32>();
+        refuses_a_crooked_attitude::<f64>();
+        #[cfg(feature = "fixed")]
+        refuses_a_crooked_attitude::<crate::Q16>();
     }
 }

@@ -4,13 +4,13 @@
 //! in each) and [`sin`] and [`cos`] (`micromath`). Largest error measured by the tests below; instructions a call on
 //! the Cortex-M4F by `cargo xtask count`.
 //!
-//! | function           | domain   | largest error      | chosen over |
-//! |--------------------|----------|--------------------|-------------|
-//! | [`tanh`]           | all      | 1.4e-3             | libm, three times the instructions: in the laws it only softens a sign |
-//! | [`atan2`]          | unit circle | 1.2e-4 rad      | micromath, whose 2.8e-3 rad would be a heading bias |
-//! | [`asin_and_cos`]   | ±0.95    | 4e-5 rad, 1.3e-4   | micromath, off by 0.018 rad; libm's root alone costs as much |
-//! | [`Scalar::sqrt`]   | ≥ 0      | correctly rounded  | micromath, 6 % off; no tick calls it |
-//! | [`sin`], [`cos`]   | ±1e3 rad | 1.2e-3             | libm, 1250 instructions; no law calls these, only synthetic motion |
+//! | function           | domain      | largest error     | instructions | chosen over |
+//! |--------------------|-------------|-------------------|--------------|-------------|
+//! | [`tanh`]           | all         | 1.4e-3            | 29 | libm, 110; Padé 7/6 to 1e-4 with six more: it only softens a sign |
+//! | [`atan2`]          | unit circle | 1.2e-4 rad        | 46 | micromath, 44: its 2.8e-3 rad would be a heading bias |
+//! | [`asin_and_cos`]   | ±0.95       | 4e-5 rad, 1.3e-4  | 34 | micromath, 29 without the cosine: off by 0.018 rad; libm, 682 |
+//! | [`Scalar::sqrt`]   | ≥ 0         | correctly rounded | 58 | micromath, 16: 6 % off; no tick calls it |
+//! | [`sin`], [`cos`]   | ±1e3 rad    | 1.2e-3            | 33 | libm, 1391; no law calls these, only synthetic motion |
 use crate::Scalar;
 use core::f32::consts::{FRAC_PI_2, PI};
 

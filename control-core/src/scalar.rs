@@ -151,9 +151,17 @@ macro_rules! float_scalar {
                 sum
             }
 
+            /// A branch, as in `clamp_abs`. The black box keeps it one: the compiler would turn it into selects again.
             #[inline]
             fn integrate(sum: Self, rate: Self, dt_s: Self, bounds: (Self, Self)) -> Self {
-                Scalar::clamp(sum + rate * dt_s, bounds.0, bounds.1)
+                let next = sum + rate * dt_s;
+                if next < bounds.0 || bounds.1 < next {
+                    core::hint::cold_path();
+                    core::hint::black_box(());
+                    Scalar::clamp(next, bounds.0, bounds.1)
+                } else {
+                    next
+                }
             }
         }
     };

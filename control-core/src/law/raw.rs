@@ -5,7 +5,8 @@
 //! ```
 //!
 //! Each gain has its own s, so there is no common u* to converge to (docs/control-law.md, erratum to Table 2), and nothing
-//! bounds the gains. It is kept to reproduce the paper; it crashes with actuators that saturate.
+//! bounds the gains. It is kept to reproduce the paper; it crashes with actuators that saturate. There its integral waits in
+//! saturation like that of every law here, which the paper, without saturation, does not speak of.
 use super::Regressor;
 use crate::Scalar;
 use crate::math::tanh;
