@@ -127,7 +127,9 @@ fn compare_writes_its_results_and_prints_only_json_when_asked() {
 #[test]
 fn crashed_flights_are_counted_and_their_metrics_are_null() {
     let folder = tempfile::tempdir().expect("a folder");
-    let args = ["compare", "scenarios/raw_law_limits.toml", "--controllers", "raw", "--seeds", "2", "--json", "--out"];
+    // Named twice, flown once.
+    let args =
+        ["compare", "scenarios/raw_law_limits.toml", "--controllers", "raw,raw", "--seeds", "2", "--json", "--out"];
     let result = sim_host(&[&args[..], &[folder.path().to_str().expect("a plain path")]].concat());
     let json: serde_json::Value = serde_json::from_slice(&result.stdout).expect("JSON");
     let raw = &json["controllers"]["raw"];

@@ -2,7 +2,7 @@
 //!
 //! `UPDATE_GOLDEN=1 cargo test -p system-tests --test golden` writes it anew, for a reviewer to read in the diff.
 use sim_host::controllers::ControllerName;
-use sim_host::metrics::{METRICS, median_and_worst};
+use sim_host::metrics::{Metric, median_and_worst};
 use std::fmt::Write;
 use system_tests::{fly, root, shipped};
 
@@ -24,7 +24,7 @@ const SCENARIOS: [&str; 10] = [
 fn cell(scenario: &str, controller: ControllerName) -> String {
     let flights = fly(&shipped(scenario), controller, 1, 5);
     let crashed = flights.iter().filter(|flown| flown.crash.is_some()).count();
-    let deviation = METRICS.iter().find(|metric| metric.name == "altitude_deviation_max_m").expect("a metric");
+    let deviation = Metric::named("altitude_deviation_max_m").expect("a metric");
     match median_and_worst(&flights, deviation) {
         _ if crashed > 0 => format!("{crashed} of 5 crash"),
         Some((median, _)) => format!("{:.1}", 1000.0 * median),

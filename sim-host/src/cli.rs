@@ -12,6 +12,7 @@ use crate::vehicle::{AirframeName, Vehicle, VehicleKeys};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
+use std::collections::BTreeSet;
 use std::error::Error;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -237,8 +238,8 @@ fn compare(args: &CompareArgs) -> Result<(), Failure> {
     let scenario = load(&args.scenario)?;
     let folder = folder(args.out.as_ref(), &args.scenario)?;
     let base = args.seed.unwrap_or(scenario.seed);
-    let mut controllers = args.controllers.clone();
-    controllers.dedup();
+    let mut named = BTreeSet::new();
+    let controllers: Vec<_> = args.controllers.iter().copied().filter(|&name| named.insert(name)).collect();
     // Drawn on a terminal only, on standard error.
     let bar = ProgressBar::new(controllers.len() as u64 * args.seeds);
     let mut entries = Vec::new();
@@ -264,8 +265,7 @@ fn compare(args: &CompareArgs) -> Result<(), Failure> {
     for Trace { controller, log } in &traces {
         files.add(format!("log_{controller}.csv"), log.to_csv().map_err(Failure::writing(&folder))?);
     }
-    let scenario_text = std::fs::read_to_string(&args.scenario).map_err(Failure::bad_input)?;
-    let page = Page { command: &command_line(args, &comparison), scenario_text: &scenario_text, figures: &figures };
+    let page = Page { command: &command_line(args, &comparison), figures: &figures };
     let json = format!("{:#}\n", comparison.json());
     files.add("report.html", comparison.html(&page));
     files.add("results.json", json.clone());

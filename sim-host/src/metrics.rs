@@ -23,7 +23,7 @@ pub struct Metric {
 }
 
 /// Every metric, in the order of tables.
-pub const METRICS: [Metric; 10] = [
+pub static METRICS: [Metric; 10] = [
     Metric {
         name: "altitude_deviation_max_m",
         title: "largest |altitude error| during the faults",
@@ -89,14 +89,12 @@ pub struct Metrics {
     motor_total_variation_n_s: Option<f64>,
     ki_ratio_z: Option<f64>,
     lateral_limit_cycle_m: Option<f64>,
-    /// Share of ticks in which any gain sat on a bound.
-    pub at_bound_share: f64,
 }
 
-impl Metrics {
-    /// A metric by its JSON name; none for a name that is not one, or nothing to measure.
-    pub fn get(&self, name: &str) -> Option<f64> {
-        METRICS.iter().find(|metric| metric.name == name).and_then(|metric| (metric.of)(self))
+impl Metric {
+    /// The metric of this JSON name.
+    pub fn named(name: &str) -> Option<&'static Self> {
+        METRICS.iter().find(|metric| metric.name == name)
     }
 }
 
@@ -152,8 +150,6 @@ struct Meter {
     ki_before: Mean,
     ki_learnt: Mean,
     cycle: [Option<(f64, f64)>; 2],
-    ticks: f64,
-    ticks_at_bound: f64,
 }
 
 fn keep_max(place: &mut Option<f64>, x: f64) {
@@ -189,8 +185,6 @@ impl Meter {
             ki_before: Mean::default(),
             ki_learnt: Mean::default(),
             cycle: [None; 2],
-            ticks: 0.0,
-            ticks_at_bound: 0.0,
         }
     }
 
@@ -198,9 +192,6 @@ impl Meter {
         self.note_step(sample);
         self.note_faults(sample);
         self.note_first_fault(sample);
-        let axes = &sample.telemetry.axes;
-        self.ticks += 1.0;
-        self.ticks_at_bound += f64::from(axes.iter().any(|axis| axis.at_bound().contains(&true)));
         self.last_command_n = Some(sample.output.thrust_n);
     }
 
@@ -269,7 +260,6 @@ impl Meter {
             motor_total_variation_n_s: (self.fault_s > 0.0).then(|| self.variation_n / self.fault_s),
             ki_ratio_z: self.ki_learnt.value().zip(self.ki_before.value()).map(|(learnt, before)| learnt / before),
             lateral_limit_cycle_m: cycle.reduce(f64::max),
-            at_bound_share: self.ticks_at_bound / self.ticks.max(1.0),
             ..self.metrics
         }
     }

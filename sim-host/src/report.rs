@@ -2,7 +2,7 @@
 use crate::controllers::{ControllerName, gains_json};
 use crate::flight::NumberFormat;
 use crate::limits::{Heading, loss_max};
-use crate::metrics::{Flown, METRICS, median_and_worst};
+use crate::metrics::{Flown, METRICS, Metric, median_and_worst};
 use crate::plant::PlantKind;
 use crate::reference::Reference;
 use crate::scenario::Scenario;
@@ -51,8 +51,7 @@ impl Entry {
     }
 
     fn metric(&self, name: &str) -> Option<(f64, f64)> {
-        let metric = METRICS.iter().find(|metric| metric.name == name)?;
-        median_and_worst(&self.flights, metric)
+        median_and_worst(&self.flights, Metric::named(name)?)
     }
 
     fn json(&self) -> Value {

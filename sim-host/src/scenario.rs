@@ -61,6 +61,9 @@ pub struct Scenario {
     /// What differs from a controller's own gains, by the name that `compare` knows it by.
     #[serde(default)]
     pub controllers: BTreeMap<ControllerName, ControllerKeys>,
+    /// The file as it was read, for reports: it may have changed since.
+    #[serde(skip)]
+    pub text: String,
 }
 
 fn plant_steps() -> u32 {

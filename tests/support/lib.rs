@@ -1,7 +1,7 @@
 //! What several system tests need: the shipped scenarios, and flights of them.
 use sim_host::controllers::ControllerName;
 use sim_host::flight::{Flight, NumberFormat, Sample};
-use sim_host::metrics::{Flown, METRICS, fly_measured, median_and_worst};
+use sim_host::metrics::{Flown, Metric, fly_measured, median_and_worst};
 use sim_host::scenario::Scenario;
 use std::path::{Path, PathBuf};
 
@@ -54,6 +54,6 @@ pub fn metric(flights: &[Flown], name: &str) -> (f64, f64) {
     for flown in flights {
         assert_eq!(flown.crash, None, "seed {}", flown.seed);
     }
-    let metric = METRICS.iter().find(|metric| metric.name == name).expect("a metric of this name");
+    let metric = Metric::named(name).expect("a metric of this name");
     median_and_worst(flights, metric).expect("something to measure")
 }

@@ -17,8 +17,6 @@ fn escaped(text: &str) -> String {
 pub struct Page<'a> {
     /// The command that makes it again.
     pub command: &'a str,
-    /// The scenario file, as it was read.
-    pub scenario_text: &'a str,
     /// Each figure and its SVG.
     pub figures: &'a [(&'static Figure, String)],
 }
@@ -53,7 +51,7 @@ impl Comparison<'_> {
             findings = items(self.findings()),
             seed = self.seed,
             metrics = items(metrics),
-            scenario = escaped(page.scenario_text),
+            scenario = escaped(&self.scenario.text),
         )
     }
 }

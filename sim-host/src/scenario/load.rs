@@ -67,7 +67,7 @@ impl Scenario {
             }
         };
         let document = toml::Deserializer::parse(text).map_err(|e| malformed(&e, "TOML".to_owned()))?;
-        let scenario: Self =
+        let mut scenario: Self =
             serde_path_to_error::deserialize(document).map_err(|e| malformed(e.inner(), e.path().to_string()))?;
         scenario.check().map_err(|wrong| ScenarioError::OutOfRange {
             file: file.to_owned(),
@@ -75,6 +75,7 @@ impl Scenario {
             value: wrong.value,
             allowed: wrong.allowed,
         })?;
+        text.clone_into(&mut scenario.text);
         Ok(scenario)
     }
 }
