@@ -91,19 +91,18 @@ fn every_controller_but_raw_survives_a_weak_rotor_and_a_helix() {
 
 #[test]
 fn heading_returns_after_a_rotor_was_too_weak_for_yaw() {
-    let scenario = shipped("single_rotor_60");
-    for base in BASES {
-        for flown in fly(&scenario, Lgs, base, SEEDS) {
-            assert_eq!(flown.crash, None, "seed {}", flown.seed);
-        }
-    }
+    let mut scenario = shipped("single_rotor_60");
     let heal_s = scenario.fault[0].until_s;
-    let errors = trace(&scenario, Lgs, NumberFormat::F32, |x| (x.t_s, x.yaw_error_rad()));
-    let turned = errors.iter().any(|&(_, error)| error.abs() > 3.0);
-    assert!(turned, "the fault is beyond what yaw can hold");
-    let late = errors.iter().filter(|(t_s, _)| *t_s >= heal_s + 10.0);
-    assert!(late.clone().count() > 1000);
-    assert!(late.clone().all(|(_, error)| error.abs() < 0.1));
+    for seed in BASES.into_iter().flat_map(|base| base..base + SEEDS) {
+        scenario.seed = seed;
+        let errors = trace(&scenario, Lgs, NumberFormat::F32, |x| (x.t_s, x.yaw_error_rad().abs()));
+        let turned = errors.iter().any(|&(_, error)| error > 3.0);
+        assert!(turned, "the fault is beyond what yaw can hold, seed {seed}");
+        let late: Vec<_> = errors.iter().filter(|(t_s, _)| *t_s >= heal_s + 10.0).map(|&(_, error)| error).collect();
+        assert!(late.len() > 1000);
+        let worst = late.into_iter().fold(0.0, f64::max);
+        assert!(worst < 0.1, "seed {seed}: {worst}");
+    }
 }
 
 #[test]
