@@ -95,7 +95,27 @@ impl<S: Scalar> Allocator<S> {
     /// - `demand`: N and N m, body FRD, finite.
     /// - Returns thrusts in N, each within its rotor's limits to a millionth of its largest, and the part of the demand they refuse.
     pub fn allocate(&self, demand: &Demand<S>) -> Allocation<S> {
-        let [max1, max2, max3, max4] = self.max_n;
+        self.split(demand, self.max_n)
+    }
+
+    /// The same for rotors that make only `shares` of what they are commanded: the demand is split within what they can still
+    /// make, and each is commanded so much more. A share below [`SHARE_MIN`] is not commanded for; it is kept turning a
+    /// little, so that it is felt when it works again.
+    pub fn allocate_weakened(&self, demand: &Demand<S>, shares: &[S; 4]) -> Allocation<S> {
+        let least = S::from_f32(SHARE_MIN);
+        let max_n = core::array::from_fn(|j| self.max_n[j] * shares[j]);
+        let mut allocation = self.split(demand, max_n);
+        for j in 0..4 {
+            let command = allocation.thrust_n[j] / shares[j].max(least);
+            let floor = S::select(shares[j].lt(S::from_f32(0.3)), self.max_n[j] * S::from_f32(PROBE), S::ZERO);
+            allocation.thrust_n[j] = command.max(floor);
+        }
+        allocation
+    }
+
+    #[inline]
+    fn split(&self, demand: &Demand<S>, max_n: [S; 4]) -> Allocation<S> {
+        let [max1, max2, max3, max4] = max_n;
         let min = self.min_n;
         let [row1, row2] = self.difference_per_torque;
         let wanted1 = row1[0] * demand.roll_nm + row1[1] * demand.pitch_nm;
@@ -126,6 +146,11 @@ impl<S: Scalar> Allocator<S> {
         }
     }
 }
+
+/// Share of its thrust below which a rotor is not counted on.
+const SHARE_MIN: f32 = 0.05;
+/// Command of a rotor that is not counted on, share of its maximum.
+const PROBE: f32 = 0.08;
 
 /// Stands in for "no limit" without leaving the range of Q16.16.
 const UNLIMITED_N: f32 = 8000.0;

@@ -4,8 +4,9 @@
 //! the paper's figures. Both give every law the same starting gains, so that only the law differs.
 use crate::airframe::Airframe;
 use crate::attitude::AttitudeGains;
-use crate::indi::IndiConfig;
 use crate::law::{LgsGains, RawGains, TABLE_2_PSI, TABLE_2_X, TABLE_2_Y, TABLE_2_Z};
+use crate::rotors::RotorsConfig;
+use crate::spin::SpinConfig;
 use crate::{GRAVITY_M_S2, Law};
 use core::fmt;
 
@@ -60,8 +61,10 @@ pub struct Config {
     pub cascade: Cascade,
     /// Whether turning the machine turns its thrust: false only for the paper's eq 1, which forgets it.
     pub yaw_turns_thrust: bool,
-    /// The incremental inner loop, or none: then the coupling of the body is fed forward.
-    pub indi: Option<IndiConfig>,
+    /// How the rotors are watched, or not at all.
+    pub rotors: Option<RotorsConfig>,
+    /// How to fly with one rotor gone, for those who know that it is.
+    pub spin: Option<SpinConfig>,
     /// Gains of every loop.
     pub gains: Gains,
     /// Nominal tick rate, Hz.
@@ -344,7 +347,8 @@ impl Config {
             law,
             cascade: Cascade::Flight,
             yaw_turns_thrust: true,
-            indi: None,
+            rotors: None,
+            spin: None,
             gains: Gains::flight(&airframe),
             control_hz: 500.0,
             filter_hz: 25.0,

@@ -16,10 +16,11 @@ use crate::config::{Cascade, Config, ConfigError};
 use crate::filter::LowPass;
 use crate::frames::{Body, Ned, Vec3};
 use crate::guidance::{Angles, Guidance, Inner, Outer};
-use crate::indi::{Indi, IndiState};
 use crate::law::{AxisInput, AxisLaw, AxisState, Law, Lesson};
 use crate::math::wrap_pi;
+use crate::rotors::{Rotors, RotorsState};
 use crate::signals::{Input, Output, Telemetry};
+use crate::spin::{Spin, SpinInput};
 use crate::yaw_guard::YawGuard;
 use crate::{GRAVITY_M_S2, Mask, Scalar};
 
@@ -32,7 +33,8 @@ pub struct State<S: Scalar = f32> {
     /// How long the last ticks were, one in each turn.
     ticks_s: [S; AXES],
     tilt_integrals: [S::Sum; 2],
-    indi: IndiState<S>,
+    rotors: Option<RotorsState<S>>,
+    spinning: Option<Spinning>,
     guard: YawGuard<S>,
     tilt_setpoint_rad: [S; 2],
     /// What the tilt limit refused, north and east, m/s².
@@ -56,11 +58,23 @@ pub struct Controller<S: Scalar = f32> {
     always_integrates: S::Mask,
     cascade: Cascade,
     coupling: Coupling<S>,
-    indi: Option<Indi<S>>,
+    rotors: Option<Rotors<S>>,
+    spin: Option<Spin<S>>,
+    mass_kg: S,
+    hover_share: S,
     weight_n: S,
     yaw_brake_nm_s: S,
     filter_rad_s: S,
     dt_s_range: (S, S),
+}
+
+/// A flight that has given its heading up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Spinning {
+    /// The rotor that is gone.
+    rotor: usize,
+    /// Whether it works again and the body only has to stop turning.
+    healed: bool,
 }
 
 /// ω × I ω for principal axes, which the rigid body adds and the flight cascade takes away again.
@@ -147,7 +161,7 @@ impl<S: Scalar> Controller<S> {
     /// [`ConfigError`] names the first field that cannot fly, its value and what is allowed.
     pub fn try_new(config: &Config) -> Result<Self, ConfigError> {
         config.check_rates()?;
-        let Config { airframe, law, cascade, yaw_turns_thrust, indi, gains, control_hz, filter_hz } = *config;
+        let Config { airframe, law, cascade, yaw_turns_thrust, rotors, spin, gains, control_hz, filter_hz } = *config;
         let s = S::from_f32;
         Ok(Self {
             allocator: Allocator::try_new(&airframe, cascade == Cascade::Flight)?,
@@ -164,7 +178,10 @@ impl<S: Scalar> Controller<S> {
             always_integrates: S::Mask::splat(cascade == Cascade::Paper),
             cascade,
             coupling: Coupling::new(cascade, airframe.inertia_kg_m2),
-            indi: indi.map(|indi| Indi::try_new(indi, airframe.inertia_kg_m2)).transpose()?,
+            rotors: rotors.map(|config| Rotors::try_new(&config, &airframe, control_hz)).transpose()?,
+            spin: spin.map(|config| Spin::new(&config, &airframe, 0.02, control_hz)),
+            mass_kg: s(airframe.mass_kg),
+            hover_share: s(airframe.weight_n() / airframe.rotors.iter().map(|r| r.thrust_n_max).sum::<f32>()),
             weight_n: s(airframe.weight_n()),
             yaw_brake_nm_s: s(gains.psi.k0[2]),
             filter_rad_s: s(core::f32::consts::TAU * filter_hz),
@@ -184,7 +201,8 @@ impl<S: Scalar> Controller<S> {
             turn: 0,
             ticks_s: [S::ZERO; AXES],
             tilt_integrals: [S::ZERO.to_sum(); 2],
-            indi: IndiState::at_rest(),
+            rotors: self.rotors.as_ref().map(|rotors| rotors.state(self.weight_n * S::from_f32(0.25))),
+            spinning: None,
             guard: YawGuard::new(),
             tilt_setpoint_rad: [S::ZERO; 2],
             refused_m_s2: [S::ZERO; 2],
@@ -202,6 +220,19 @@ impl<S: Scalar> Controller<S> {
             tilt_setpoint_rad: state.tilt_setpoint_rad,
             refused: state.refused,
             yaw_guard: state.guard.is_braking(),
+            rotors: self.rotors.as_ref().zip(state.rotors.as_ref()).map(|(rotors, state)| rotors.telemetry(state)),
+            spinning: state.spinning.map(|spinning| spinning.rotor),
+        }
+    }
+
+    /// Tells the controller what somebody else knows of the rotors: a speed sensor, a pilot, the simulator.
+    ///
+    /// - `shares`: of its commanded thrust that each rotor makes, 0 to 1; `None` where nothing is known.
+    ///
+    /// Holds until told otherwise. A controller that takes the rotors as commanded does not listen.
+    pub fn report(&self, state: &mut State<S>, shares: [Option<S>; 4]) {
+        if let (Some(rotors), Some(watch)) = (&self.rotors, &mut state.rotors) {
+            rotors.listen(watch, shares);
         }
     }
 
@@ -224,30 +255,128 @@ impl<S: Scalar> Controller<S> {
 
     fn advance(&self, state: &mut State<S>, input: &Input<S>, angles: &Angles<S>, errors: &Errors<S>) {
         let dt_s = input.dt_s.clamp(self.dt_s_range.0, self.dt_s_range.1);
-        let (outer, heading_nm) = self.outer(state, input.rate_rad_s, errors, dt_s);
-        let inner = self.guidance.convert(&outer, angles);
-        let wanted =
-            self.inner(state, input.rate_rad_s, angles, &inner, dt_s) + Vec3::new(S::ZERO, S::ZERO, heading_nm);
+        if self.rotors.is_some() {
+            self.advance_watching(state, input, angles, errors, dt_s);
+            return;
+        }
+        let wanted = self.wanted(state, input.rate_rad_s, angles, errors, dt_s);
         let coupling = self.coupling.torque_nm(input.rate_rad_s);
-        let torque = match &self.indi {
-            // What the coupling takes is not felt, and so asked for again.
-            Some(indi) => {
-                let wanted = wanted + Vec3::new(S::ZERO, S::ZERO, coupling.z);
-                let refused_nm = [state.refused.roll_nm, state.refused.pitch_nm];
-                indi.step(&mut state.indi, wanted, refused_nm, input.rate_rad_s, dt_s)
-            }
-            None => wanted + coupling,
-        };
         let allocation = self.allocator.allocate(&Demand {
-            thrust_n: inner.thrust_n,
-            roll_nm: torque.x,
-            pitch_nm: torque.y,
-            yaw_nm: torque.z,
+            roll_nm: wanted.roll_nm + coupling.x,
+            pitch_nm: wanted.pitch_nm + coupling.y,
+            yaw_nm: wanted.yaw_nm + coupling.z,
+            ..wanted
         });
-        state.tilt_setpoint_rad = [inner.roll_rad, inner.pitch_rad];
-        state.refused_m_s2 = [inner.refused_north_m_s2, inner.refused_east_m_s2];
         state.refused = allocation.refused;
         state.output.thrust_n = allocation.thrust_n;
+    }
+
+    /// What the cascade wants of the body.
+    #[inline]
+    fn wanted(
+        &self,
+        state: &mut State<S>,
+        rate: Vec3<Body, S>,
+        angles: &Angles<S>,
+        errors: &Errors<S>,
+        dt_s: S,
+    ) -> Demand<S> {
+        let (outer, heading_nm) = self.outer(state, rate, errors, dt_s);
+        let inner = self.guidance.convert(&outer, angles);
+        let torque = self.inner(state, rate, angles, &inner, dt_s);
+        state.tilt_setpoint_rad = [inner.roll_rad, inner.pitch_rad];
+        state.refused_m_s2 = [inner.refused_north_m_s2, inner.refused_east_m_s2];
+        Demand { thrust_n: inner.thrust_n, roll_nm: torque.x, pitch_nm: torque.y, yaw_nm: heading_nm }
+    }
+
+    /// The same with an eye on the rotors.
+    #[inline(never)]
+    fn advance_watching(
+        &self,
+        state: &mut State<S>,
+        input: &Input<S>,
+        angles: &Angles<S>,
+        errors: &Errors<S>,
+        dt_s: S,
+    ) {
+        let Some(rotors) = &self.rotors else { return };
+        let Some(mut watch) = state.rotors else { return };
+        let rate = input.rate_rad_s;
+        let coupling = self.coupling.torque_nm(rate);
+        let residual =
+            rotors.observe(&mut watch, &state.output.thrust_n, rate, coupling, input.specific_force_m_s2.z, dt_s);
+        state.spinning = self.next_spinning(state.spinning, &watch, rate.z);
+        let demand = if let (Some(spinning), Some(spin)) = (state.spinning, &self.spin) {
+            self.pointed(state, input, errors, spin, spinning, rotors.tilting_rad_s2(&watch), dt_s)
+        } else {
+            let wanted = self.wanted(state, rate, angles, errors, dt_s);
+            let wanted = Demand {
+                roll_nm: wanted.roll_nm + coupling.x,
+                pitch_nm: wanted.pitch_nm + coupling.y,
+                yaw_nm: wanted.yaw_nm + coupling.z,
+                ..wanted
+            };
+            rotors.demand(&wanted, &residual)
+        };
+        let allocation = self.allocator.allocate_weakened(&demand, &watch.shares);
+        state.refused = allocation.refused;
+        state.output.thrust_n = allocation.thrust_n;
+        state.rotors = Some(watch);
+    }
+
+    /// Whether to spin, and for which rotor.
+    fn next_spinning(&self, now: Option<Spinning>, watch: &RotorsState<S>, yaw_rate: S) -> Option<Spinning> {
+        let s = S::from_f32;
+        self.spin.as_ref()?;
+        let mut weakest = 0;
+        for j in 1..4 {
+            if watch.shares[j].lt(watch.shares[weakest]).all() {
+                weakest = j;
+            }
+        }
+        let share = watch.shares[weakest];
+        match now {
+            None => {
+                let limit = s(0.7) * self.hover_share;
+                let sure = share + s(2.0) * watch.health.uncertainty(weakest);
+                let fast = s(8.0).lt(yaw_rate.abs()) & share.lt(self.hover_share);
+                (sure.lt(limit) | fast).all().then_some(Spinning { rotor: weakest, healed: false })
+            }
+            Some(spinning) => {
+                let share = watch.shares[spinning.rotor];
+                let healed = s(1.1).lt(share / self.hover_share).all();
+                if healed && yaw_rate.abs().lt(s(2.0)).all() {
+                    return None;
+                }
+                Some(Spinning { healed, ..spinning })
+            }
+        }
+    }
+
+    /// Demand of the spin: thrust that points where the position wants it.
+    #[expect(clippy::too_many_arguments)]
+    fn pointed(
+        &self,
+        state: &mut State<S>,
+        input: &Input<S>,
+        errors: &Errors<S>,
+        spin: &Spin<S>,
+        spinning: Spinning,
+        tilting_rad_s2: [S; 2],
+        dt_s: S,
+    ) -> Demand<S> {
+        let s = S::from_f32;
+        let (outer, _) = self.outer(state, input.rate_rad_s, errors, dt_s);
+        let (pointing, thrust_n) = spin.aim(errors.position_m, errors.velocity_m_s, outer.up_n, &input.attitude);
+        let [roll_nm, pitch_nm] = spin.torque_nm(&SpinInput {
+            rotor: spinning.rotor,
+            healed: spinning.healed,
+            tilting_rad_s2,
+            pointing,
+            rate: input.rate_rad_s,
+        });
+        let _ = s;
+        Demand { thrust_n, roll_nm, pitch_nm, yaw_nm: -self.yaw_brake_nm_s * input.rate_rad_s.z }
     }
 
     /// The four adaptive axes: accelerations north and east, force up; and the yaw torque.

@@ -33,11 +33,12 @@ mod controller;
 mod filter;
 pub mod frames;
 mod guidance;
-mod indi;
 pub mod law;
 pub mod math;
+mod rotors;
 mod scalar;
 mod signals;
+mod spin;
 mod yaw_guard;
 
 pub use airframe::{Airframe, Rotor};
@@ -45,11 +46,12 @@ pub use allocation::{Allocation, Allocator, Demand};
 pub use attitude::AttitudeGains;
 pub use config::{AxisConfig, Cascade, Config, ConfigError, Gains};
 pub use controller::{Controller, State};
-pub use indi::IndiConfig;
 pub use law::{AxisTelemetry, Law};
+pub use rotors::{Alarm, DetectorConfig, Knowledge, RotorsConfig, RotorsTelemetry};
 #[cfg(feature = "fixed")]
 pub use scalar::fixed::Q16;
 pub use scalar::{Mask, Scalar};
+pub use spin::SpinConfig;
 pub use signals::{Axis, Input, Output, Setpoint, Telemetry};
 
 /// Gravitational acceleration, m/s² (the paper's Table 1).

@@ -2,6 +2,7 @@
 use crate::allocation::Demand;
 use crate::frames::{Attitude, Body, Ned, Vec3};
 use crate::law::AxisTelemetry;
+use crate::rotors::RotorsTelemetry;
 use crate::{GRAVITY_M_S2, Mask, Scalar};
 
 /// Where to be and how to move there.
@@ -105,6 +106,10 @@ pub struct Telemetry<S: Scalar = f32> {
     pub refused: Demand<S>,
     /// Whether the yaw guard only brakes.
     pub yaw_guard: S::Mask,
+    /// What is believed of the rotors, if they are watched.
+    pub rotors: Option<RotorsTelemetry<S>>,
+    /// The rotor without which the machine spins, 0 to 3.
+    pub spinning: Option<usize>,
 }
 
 impl<S: Scalar> Telemetry<S> {
@@ -116,6 +121,8 @@ impl<S: Scalar> Telemetry<S> {
             tilt_setpoint_rad: self.tilt_setpoint_rad.map(f),
             refused: self.refused.map(f),
             yaw_guard: self.yaw_guard.all(),
+            rotors: self.rotors.as_ref().map(RotorsTelemetry::to_f32),
+            spinning: self.spinning,
         }
     }
 }

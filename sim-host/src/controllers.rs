@@ -2,7 +2,7 @@
 use crate::plant::PlantKind;
 use crate::scenario::Scenario;
 use control_core::law::RawGains;
-use control_core::{AttitudeGains, AxisConfig, Cascade, Config, Gains, IndiConfig, Law};
+use control_core::{AttitudeGains, AxisConfig, Cascade, Config, Gains, Law, RotorsConfig, SpinConfig};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -12,6 +12,8 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize, Serialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum ControllerName {
+    /// The robust law on an incremental inner loop that finds out which rotor is weak and flies without it: the one that flies.
+    Default,
     /// Fixed gains, those that the adaptive laws start from.
     Pid,
     /// The paper's law exactly as printed, with its Table 2.
@@ -26,12 +28,16 @@ pub enum ControllerName {
     Lqi,
     /// Fixed gains found by optimisation (CMA-ES) on the shipped fault.
     PidOpt,
+    /// Fixed gains, told at once how much thrust each rotor makes: in simulation only.
+    Oracle,
 }
 
 impl fmt::Display for ControllerName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
+            Self::Default => "default",
             Self::Pid => "pid",
+            Self::Oracle => "oracle",
             Self::Raw => "raw",
             Self::Lgs => "lgs",
             Self::LgsIndi => "lgs-indi",
@@ -241,9 +247,9 @@ impl ControllerName {
     /// What this controller flies with in `scenario`.
     pub fn config(self, scenario: &Scenario) -> Config {
         let law = match self {
-            Self::Pid | Self::Indi | Self::Lqi | Self::PidOpt => Law::Pid,
+            Self::Pid | Self::Indi | Self::Lqi | Self::PidOpt | Self::Oracle => Law::Pid,
             Self::Raw => Law::Raw,
-            Self::Lgs | Self::LgsIndi => Law::Lgs,
+            Self::Default | Self::Lgs | Self::LgsIndi => Law::Lgs,
         };
         let airframe = scenario.vehicle().airframe();
         let mut config = match scenario.plant {
@@ -252,7 +258,15 @@ impl ControllerName {
             PlantKind::Paper | PlantKind::Rigid => Config::flight(law, airframe),
         };
         match self {
-            Self::Indi | Self::LgsIndi => config.indi = Some(IndiConfig::NOMINAL),
+            Self::Default => {
+                config.rotors = Some(RotorsConfig::ESTIMATED);
+                config.spin = Some(SpinConfig::NOMINAL);
+            }
+            Self::Oracle => {
+                config.rotors = Some(RotorsConfig::TOLD);
+                config.spin = Some(SpinConfig::NOMINAL);
+            }
+            Self::Indi | Self::LgsIndi => config.rotors = Some(RotorsConfig::INCREMENTAL),
             Self::Lqi => config.gains = Gains::lqi(&airframe),
             Self::PidOpt => config.gains = Gains::optimised(&airframe),
             Self::Pid | Self::Raw | Self::Lgs => {}
@@ -302,6 +316,6 @@ pub fn gains_json(config: &Config) -> Value {
         "cascade": match config.cascade { Cascade::Paper => "paper", Cascade::Flight => "flight" },
         "x": axis(&gains.x), "y": axis(&gains.y), "z": axis(&gains.z), "psi": axis(&gains.psi),
         "phi": attitude(&gains.phi), "theta": attitude(&gains.theta),
-        "indi": config.indi.map(|indi| json!({"motor_lag_s": f(indi.motor_lag_s), "filter_hz": f(indi.filter_hz)})),
+        "rotors": config.rotors.map(|rotors| json!({"motor_lag_s": f(rotors.motor_lag_s), "filter_hz": f(rotors.filter_hz)})),
     })
 }

@@ -26,6 +26,8 @@ pub struct Trace<'a> {
 /// Colours that stay apart for colour-blind readers (Okabe and Ito).
 fn colour(controller: ControllerName) -> RGBColor {
     match controller {
+        ControllerName::Default => RGBColor(0, 0, 0),
+        ControllerName::Oracle => RGBColor(120, 120, 120),
         ControllerName::Pid => RGBColor(213, 94, 0),
         ControllerName::Raw => RGBColor(0, 158, 115),
         ControllerName::Lgs => RGBColor(0, 114, 178),

@@ -167,6 +167,9 @@ impl Flight<'_> {
             actuation.effectiveness = effectiveness(&scenario.fault, t_s);
             let truth = plant.truth(&actuation);
             let input = sensors.sample(&truth, &target, dt_s);
+            if self.controller == ControllerName::Oracle {
+                controller.report(&mut state, actuation.effectiveness.map(|share| Some(S::from_f32(share as f32))));
+            }
             let output = controller.tick(&mut state, &input.cast()).to_f32();
             let telemetry = controller.telemetry(&state).to_f32();
             let command_n = output.thrust_n.map(f64::from);

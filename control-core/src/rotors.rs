@@ -1,0 +1,261 @@
+//! The rotors, watched: what their thrust should do to the body against what the body does.
+//!
+//! ```text
+//! m_j ← lag(command_j)          thrust that a healthy rotor makes
+//! x   = y_f − (Σ c_j η_j m_j − ω × I ω / I)_f          y = (ṗ, q̇, f_z),  c_j = (−right_j / Ix, forward_j / Iy, −1 / m)
+//! ```
+//!
+//! | symbol | code         | unit            | what                                              |
+//! |--------|--------------|-----------------|---------------------------------------------------|
+//! | m_j    | `made_n`     | N               | last commands through the rotors' lag             |
+//! | η_j    | `shares`     |                 | share of it that rotor j is believed to make      |
+//! | ( )_f  | `filter`     |                 | one low-pass for all, so that all are of one age  |
+//! | x      | `Residual`   | rad/s², m/s²    | acceleration that nothing known explains          |
+//!
+//! The residual serves three: the incremental loop takes it away by the next command ([`Residual::demand`]), the detector in
+//! `health.rs` looks for a rotor in it, and what of it follows the slope of the thrusts is a wrong lag (`lag.rs`).
+//!
+//! Roll, pitch and thrust only. Heading has κ for an arm, a tenth of the others': the noise of its ṙ would work the motors
+//! ten times harder than everything else together, and the drag of a spinning body is not known.
+//!
+//! Source: docs/control-law.md, "Watching the rotors"; the incremental form after S. Sieberling, Q. P. Chu, J. A. Mulder, "Robust
+//! flight control using incremental nonlinear dynamic inversion and angular acceleration prediction", 2010.
+use crate::airframe::Airframe;
+use crate::config::{ConfigError, positive};
+use crate::filter::LowPass;
+use crate::frames::{Body, Vec3};
+use crate::{Demand, Scalar};
+
+mod health;
+mod lag;
+
+pub(crate) use health::{Health, HealthState};
+pub use health::{Alarm, DetectorConfig};
+
+/// Who says how healthy the rotors are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Knowledge {
+    /// Nobody: they are taken to be as commanded.
+    Assumed,
+    /// Whoever calls [`crate::Controller::report`].
+    Told,
+    /// The detector, and whoever calls [`crate::Controller::report`].
+    Estimated(DetectorConfig),
+}
+
+/// How the rotors are watched.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RotorsConfig {
+    /// Time constant of a rotor's thrust, s; where it starts if it is learnt.
+    pub motor_lag_s: f32,
+    /// Corner of the low-pass on what is compared, Hz.
+    pub filter_hz: f32,
+    /// Whether the residual is taken away by the next command.
+    pub incremental: bool,
+    /// Who says how healthy they are.
+    pub knowledge: Knowledge,
+}
+
+impl RotorsConfig {
+    /// A rotor of 20 ms; a corner between the noise it lets into the motors and the time a weak rotor has to push.
+    pub const INCREMENTAL: Self =
+        Self { motor_lag_s: 0.02, filter_hz: 15.0, incremental: true, knowledge: Knowledge::Assumed };
+    /// Told how healthy the rotors are, and nothing else.
+    pub const TOLD: Self = Self { incremental: false, knowledge: Knowledge::Told, ..Self::INCREMENTAL };
+    /// Finds out how healthy the rotors are.
+    pub const ESTIMATED: Self =
+        Self { knowledge: Knowledge::Estimated(DetectorConfig::NOMINAL), ..Self::INCREMENTAL };
+}
+
+/// What is believed of the rotors, for logs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RotorsTelemetry<S = f32> {
+    /// Share of its thrust that each is believed to make.
+    pub shares: [S; 4],
+    /// The worst loss that was found.
+    pub alarm: Option<Alarm<S>>,
+    /// Time constant of a rotor's thrust, s.
+    pub lag_s: S,
+}
+
+impl<S: Scalar> RotorsTelemetry<S> {
+    /// The same in the format of logs.
+    pub(crate) fn to_f32(&self) -> RotorsTelemetry {
+        RotorsTelemetry {
+            shares: self.shares.map(S::to_f32),
+            alarm: self.alarm.map(Alarm::to_f32),
+            lag_s: self.lag_s.to_f32(),
+        }
+    }
+}
+
+/// What each rotor does to the body, per newton: roll and pitch acceleration, 1/(kg m), specific force along z, 1/kg.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Column<S>(pub(crate) [S; 3]);
+
+/// Acceleration about roll and pitch, rad/s², and along body z, m/s², that nothing known explains.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Residual<S>(pub(crate) [S; 3]);
+
+/// The watch, configured.
+#[derive(Clone, Debug)]
+pub(crate) struct Rotors<S> {
+    columns: [Column<S>; 4],
+    inertia_kg_m2: [S; 2],
+    inertia_inverse: [S; 2],
+    mass_kg: S,
+    filter_rad_s: S,
+    incremental: bool,
+    listens: bool,
+    pub(crate) health: Option<Health<S>>,
+    learns_lag: bool,
+    lag_s: S,
+}
+
+/// What the watch remembers.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RotorsState<S: Scalar> {
+    /// m_j.
+    made_n: [S; 4],
+    /// m_j through the filter.
+    felt_n: [S; 4],
+    rate_rad_s: [S; 2],
+    /// Slope of the filtered rates, rad/s².
+    rate_slope: [S; 2],
+    /// Predicted acceleration through the filter.
+    predicted: [S; 2],
+    force: S,
+    lag: lag::Lag<S>,
+    /// η_j.
+    pub(crate) shares: [S; 4],
+    /// Shares that somebody else knows.
+    told: [Option<S>; 4],
+    pub(crate) health: HealthState<S>,
+}
+
+impl<S: Scalar> Rotors<S> {
+    pub(crate) fn try_new(config: &RotorsConfig, airframe: &Airframe, control_hz: f32) -> Result<Self, ConfigError> {
+        positive("rotors", "motor_lag_s", config.motor_lag_s)?;
+        positive("rotors", "filter_hz", config.filter_hz)?;
+        let [ix, iy, _] = airframe.inertia_kg_m2;
+        let s = S::from_f32;
+        let columns = airframe.rotors.map(|r| [-r.right_m / ix, r.forward_m / iy, -1.0 / airframe.mass_kg]);
+        let health = match config.knowledge {
+            Knowledge::Assumed | Knowledge::Told => None,
+            Knowledge::Estimated(detector) => {
+                Some(Health::try_new(&detector, airframe, config.filter_hz, control_hz)?)
+            }
+        };
+        Ok(Self {
+            columns: columns.map(|column| Column(column.map(s))),
+            inertia_kg_m2: [s(ix), s(iy)],
+            inertia_inverse: [s(1.0 / ix), s(1.0 / iy)],
+            mass_kg: s(airframe.mass_kg),
+            filter_rad_s: s(core::f32::consts::TAU * config.filter_hz),
+            incremental: config.incremental,
+            listens: config.knowledge != Knowledge::Assumed,
+            learns_lag: health.is_some(),
+            health,
+            lag_s: s(config.motor_lag_s),
+        })
+    }
+
+    /// Rotors that have made `thrust_n` each for long, level and at rest.
+    pub(crate) fn state(&self, thrust_n: S) -> RotorsState<S> {
+        RotorsState {
+            made_n: [thrust_n; 4],
+            felt_n: [thrust_n; 4],
+            rate_rad_s: [S::ZERO; 2],
+            rate_slope: [S::ZERO; 2],
+            predicted: [S::ZERO; 2],
+            force: S::ZERO,
+            lag: lag::Lag::new(self.lag_s),
+            shares: [S::ONE; 4],
+            told: [None; 4],
+            health: HealthState::new(),
+        }
+    }
+
+    /// Compares what the last commands should have done with what the sensors felt, and learns from the difference.
+    ///
+    /// - `command_n`: last thrust commands.
+    /// - `coupling_nm`: ω × I ω.
+    pub(crate) fn observe(
+        &self,
+        state: &mut RotorsState<S>,
+        command_n: &[S; 4],
+        rate: Vec3<Body, S>,
+        coupling_nm: Vec3<Body, S>,
+        force_z_m_s2: S,
+        dt_s: S,
+    ) -> Residual<S> {
+        let motor = LowPass::new(S::ONE / state.lag.lag_s(), dt_s);
+        let filter = LowPass::new(self.filter_rad_s, dt_s);
+        let mut made = [-coupling_nm.x * self.inertia_inverse[0], -coupling_nm.y * self.inertia_inverse[1], S::ZERO];
+        let mut slope = [S::ZERO; 2];
+        for j in 0..4 {
+            let slope_n = motor.step(&mut state.made_n[j], command_n[j]);
+            filter.step(&mut state.felt_n[j], state.made_n[j]);
+            let share = state.shares[j];
+            let (thrust_n, slope_n) = (share * state.made_n[j], share * slope_n);
+            let Column([roll, pitch, z]) = self.columns[j];
+            made = [made[0] + roll * thrust_n, made[1] + pitch * thrust_n, made[2] + z * thrust_n];
+            slope = [slope[0] + roll * slope_n, slope[1] + pitch * slope_n];
+        }
+        filter.step(&mut state.predicted[0], made[0]);
+        filter.step(&mut state.predicted[1], made[1]);
+        state.rate_slope =
+            [filter.step(&mut state.rate_rad_s[0], rate.x), filter.step(&mut state.rate_rad_s[1], rate.y)];
+        let roll = state.rate_slope[0] - state.predicted[0];
+        let pitch = state.rate_slope[1] - state.predicted[1];
+        filter.step(&mut state.force, force_z_m_s2 - made[2]);
+        let mut residual = Residual([roll, pitch, state.force]);
+        if let Some(health) = &self.health {
+            if self.learns_lag && !state.health.is_alarmed() {
+                state.lag.learn(slope, [roll, pitch], &motor, &filter, dt_s);
+            }
+            health.step(state, &self.columns, &mut residual, &filter, dt_s);
+        }
+        residual
+    }
+
+    /// Takes what somebody else knows of the rotors' shares, each within 0 and 1; `None` where nothing is known.
+    pub(crate) fn listen(&self, state: &mut RotorsState<S>, shares: [Option<S>; 4]) {
+        if self.listens {
+            state.told = shares.map(|share| Some(share?.clamp(S::ZERO, S::ONE)));
+            for (share, told) in state.shares.iter_mut().zip(state.told) {
+                *share = told.unwrap_or(S::ONE);
+            }
+        }
+    }
+
+    /// What is believed of the rotors.
+    pub(crate) fn telemetry(&self, state: &RotorsState<S>) -> RotorsTelemetry<S> {
+        RotorsTelemetry { shares: state.shares, alarm: state.health.alarm(), lag_s: state.lag.lag_s() }
+    }
+
+    /// What must be asked for so that the body feels `wanted`.
+    pub(crate) fn demand(&self, wanted: &Demand<S>, residual: &Residual<S>) -> Demand<S> {
+        if !self.incremental {
+            return *wanted;
+        }
+        let Residual([roll, pitch, force]) = *residual;
+        Demand {
+            thrust_n: wanted.thrust_n + self.mass_kg * force,
+            roll_nm: wanted.roll_nm - self.inertia_kg_m2[0] * roll,
+            pitch_nm: wanted.pitch_nm - self.inertia_kg_m2[1] * pitch,
+            yaw_nm: wanted.yaw_nm,
+        }
+    }
+
+    /// Roll and pitch acceleration that the rotors are believed to make now, rad/s².
+    pub(crate) fn tilting_rad_s2(&self, state: &RotorsState<S>) -> [S; 2] {
+        let mut sum = [S::ZERO; 2];
+        for j in 0..4 {
+            let thrust_n = state.shares[j] * state.made_n[j];
+            let Column([roll, pitch, _]) = self.columns[j];
+            sum = [sum[0] + roll * thrust_n, sum[1] + pitch * thrust_n];
+        }
+        sum
+    }
+}

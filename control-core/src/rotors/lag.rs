@@ -1,0 +1,53 @@
+//! The rotors' lag, learnt: what of the residual follows the slope of the thrusts is a wrong lag.
+//!
+//! ```text
+//! ∂/∂τ 1/(1 + τ s) = −s/(1 + τ s)²     so     x ≈ −ψ (τ − τ̂),   ψ = filter(lag(ṁ))     τ̂ ← τ̂ − ψ x dt / J,   J = ∫ψ²
+//! ```
+//!
+//! Least squares with forgetting, on roll and pitch together: the noise of the gyro alone works the motors enough to see it.
+use crate::Scalar;
+use crate::filter::LowPass;
+
+/// Range of the lag, s: below, one tick is as long; above, nothing flies.
+const LAG_S: (f32, f32) = (0.005, 0.15);
+/// How long what was seen counts, s.
+const MEMORY_S: f32 = 20.0;
+/// ∫ψ² that the first guess is worth, (rad/s³)² s.
+const FIRST_GUESS: f32 = 150.0;
+
+/// What is known of the lag.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lag<S: Scalar> {
+    lag_s: S::Sum,
+    information: S::Sum,
+    once: [S; 2],
+    twice: [S; 2],
+}
+
+impl<S: Scalar> Lag<S> {
+    pub(super) fn new(lag_s: S) -> Self {
+        Self { lag_s: lag_s.to_sum(), information: S::ZERO.to_sum(), once: [S::ZERO; 2], twice: [S::ZERO; 2] }
+    }
+
+    pub(super) fn lag_s(&self) -> S {
+        S::from_sum(self.lag_s)
+    }
+
+    /// Takes the slope of the believed acceleration, rad/s³, and the residual, rad/s², about roll and pitch.
+    pub(super) fn learn(&mut self, slope: [S; 2], residual: [S; 2], motor: &LowPass<S>, filter: &LowPass<S>, dt_s: S) {
+        let s = S::from_f32;
+        let mut square = S::ZERO;
+        let mut product = S::ZERO;
+        for axis in 0..2 {
+            motor.step(&mut self.once[axis], slope[axis]);
+            filter.step(&mut self.twice[axis], self.once[axis]);
+            square = square + self.twice[axis] * self.twice[axis];
+            product = product + self.twice[axis] * residual[axis];
+        }
+        let known = S::from_sum(self.information);
+        let rate = square - known * s(1.0 / MEMORY_S);
+        self.information = S::integrate(self.information, rate, dt_s, (S::ZERO, s(30_000.0)));
+        let slope = -product / (known + s(FIRST_GUESS));
+        self.lag_s = S::integrate(self.lag_s, slope, dt_s, (s(LAG_S.0), s(LAG_S.1)));
+    }
+}

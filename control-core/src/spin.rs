@@ -1,0 +1,232 @@
+//! Flight with one rotor gone: heading is given up, the body spins, and the thrust is pointed by tilting the spin axis.
+//!
+//! In axes turned so that the dead rotor is on +y, with β and δ the roll and pitch acceleration the rotors make:
+//!
+//! ```text
+//! n = Rᵀ n_d, n_d opposite to the wanted acceleration      target (0, h_y, h_z),  p0 = 0,  q0 = r h_y / h_z
+//! ṅ1 = r n2 − h_z q      ṅ2 = h_z p − r n1      ṗ = −k r q + β      q̇ = k r p + δ      k = (Iz − Ix) / Ix
+//! β̇ = (β_c − β) / τ      δ̇ = (δ_c − δ) / τ
+//! β_t = min(k r² tan_m, share of what half the weight on the facing rotor makes),  h_y / h_z = β_t / (k r²)
+//! (β_c, δ_c) = (β_t, 0) − K(|r|) (n1, n2 − h_y, p, q − q0, β − β_t, δ)
+//! ```
+//!
+//! | symbol | code           | unit    | what                                                         |
+//! |--------|----------------|---------|--------------------------------------------------------------|
+//! | n      | `pointing`     |         | where the down axis should be, seen from the body            |
+//! | β_t    | `trim`         | rad/s²  | what the facing rotor must push so that both signs are at hand |
+//! | K      | `gains`        |         | regulator, tabulated over the spin                           |
+//!
+//! The facing rotor can only push one way: the spin axis leans towards the dead rotor, by h_y, so that in trim it pushes half of what it
+//! may. A body that turns the other way is its mirror image: n1, q, δ and r change sign, nothing else. Beyond 24 rad/s the trim
+//! rises until at 34 rad/s the facing rotor carries half the weight and nothing turns the body further.
+//!
+//! Source: docs/control-law.md, "One rotor gone"; M. W. Mueller, R. D'Andrea, "Stability and control of a quadrocopter despite
+//! the complete loss of one, two, or three propellers", 2014.
+use crate::airframe::Airframe;
+use crate::frames::{Attitude, Body, Ned, Vec3};
+use crate::{GRAVITY_M_S2, Scalar};
+use riccati::{M, N, Problem};
+
+mod riccati;
+
+/// Spin up to which gains are tabulated, one a rad/s.
+const TABLE: usize = 41;
+/// Spin at which the limiter begins and at which it has all, rad/s.
+const LIMITER_RAD_S: (f32, f32) = (24.0, 34.0);
+
+/// Tangent of the largest tilt asked for, 0.9 rad.
+const TAN_TILT_MAX: f32 = 1.260_158_2;
+/// Smallest share of the thrust taken to point up.
+const UPRIGHT_MIN: f32 = 0.3;
+
+/// What the regulator is made from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpinConfig {
+    /// Weights of (n1, n2), and of (p, q) in s²/rad².
+    pub weights: [f32; 2],
+    /// Weight of the facing rotor's thrust where its trim is small.
+    pub one_sided: f32,
+    /// Tangent of the largest lean.
+    pub lean_max: f32,
+    /// Largest trim of the facing rotor, share of half the weight.
+    pub trim_max: f32,
+    /// Position gain, 1/s², and velocity gain, 1/s.
+    pub outer: [f32; 2],
+}
+
+impl SpinConfig {
+    /// Tuned for the paper's airframe.
+    pub const NOMINAL: Self =
+        Self { weights: [128.0, 2.9], one_sided: 0.005, lean_max: 0.21, trim_max: 0.22, outer: [1.5, 2.1] };
+}
+
+/// The law of the spin, configured.
+#[derive(Clone, Debug)]
+pub(crate) struct Spin<S> {
+    gains: [[[S; N]; M]; TABLE],
+    /// Unit vector (forward, right) to each rotor.
+    towards: [[S; 2]; 4],
+    /// k.
+    ratio: S,
+    inertia_kg_m2: S,
+    lean_max: S,
+    /// Largest trim and half the weight, as roll acceleration, rad/s².
+    trim_max: S,
+    half_weight: S,
+    outer: [S; 2],
+    mass_kg: S,
+}
+
+/// What the law needs to know in one tick.
+pub(crate) struct SpinInput<S> {
+    /// The rotor that is gone.
+    pub(crate) rotor: usize,
+    /// Whether it works again: the lean is given up.
+    pub(crate) healed: bool,
+    /// Roll and pitch acceleration the rotors make, body axes, rad/s².
+    pub(crate) tilting_rad_s2: [S; 2],
+    /// Wanted direction of the body's down axis, body axes, unit length.
+    pub(crate) pointing: Vec3<Body, S>,
+    pub(crate) rate: Vec3<Body, S>,
+}
+
+/// The set point of the spin at one yaw rate, numbers for people who configure: f32.
+struct Trim<S> {
+    push: S,
+    lean: S,
+}
+
+impl<S: Scalar> Spin<S> {
+    pub(crate) fn new(config: &SpinConfig, airframe: &Airframe, motor_lag_s: f32, control_hz: f32) -> Self {
+        let [ix, iy, iz] = airframe.inertia_kg_m2;
+        let inertia = 0.5 * (ix + iy);
+        let ratio = (iz - inertia) / inertia;
+        let s = S::from_f32;
+        let arms_m = airframe.rotors.map(|r| libm::sqrtf(r.forward_m * r.forward_m + r.right_m * r.right_m));
+        let per_newton = 0.25 * arms_m.iter().sum::<f32>() / inertia;
+        let half_weight = per_newton * airframe.weight_n() / 2.0;
+        let mut spin = Self {
+            gains: [[[S::ZERO; N]; M]; TABLE],
+            towards: core::array::from_fn(|j| {
+                [s(airframe.rotors[j].forward_m / arms_m[j]), s(airframe.rotors[j].right_m / arms_m[j])]
+            }),
+            ratio: s(ratio),
+            inertia_kg_m2: s(inertia),
+            lean_max: s(config.lean_max),
+            trim_max: s(config.trim_max * half_weight),
+            half_weight: s(half_weight),
+            outer: config.outer.map(s),
+            mass_kg: s(airframe.mass_kg),
+        };
+        let dt = 1.0 / control_hz;
+        let quarter = half_weight / 2.0;
+        let cost = 1.0 / (per_newton * per_newton);
+        for i in 0..TABLE {
+            let r = i as f32;
+            let Trim { push, lean } = spin.trim(s(r), false);
+            let (push, lean) = (push.to_f32(), lean.to_f32());
+            let upright = 1.0 / libm::sqrtf(1.0 + lean * lean);
+            let scarce = quarter / push.max(0.02 * quarter);
+            let slope: [[f32; N]; N] = [
+                [0.0, r, 0.0, -upright, 0.0, 0.0],
+                [-r, 0.0, upright, 0.0, 0.0, 0.0],
+                [0.0, 0.0, 0.0, -ratio * r, 1.0, 0.0],
+                [0.0, 0.0, ratio * r, 0.0, 0.0, 1.0],
+                [0.0, 0.0, 0.0, 0.0, -1.0 / motor_lag_s, 0.0],
+                [0.0, 0.0, 0.0, 0.0, 0.0, -1.0 / motor_lag_s],
+            ];
+            // Second order in dt, for A and for B.
+            let square = |i: usize, j: usize| (0..N).map(|k| slope[i][k] * slope[k][j]).sum::<f32>();
+            let a = core::array::from_fn(|i| {
+                core::array::from_fn(|j| f32::from(u8::from(i == j)) + dt * slope[i][j] + 0.5 * dt * dt * square(i, j))
+            });
+            let b = core::array::from_fn(|i| {
+                core::array::from_fn(|input| {
+                    let j = N - M + input;
+                    (dt * f32::from(u8::from(i == j)) + 0.5 * dt * dt * slope[i][j]) / motor_lag_s
+                })
+            });
+            let [point, turn] = config.weights;
+            let problem = Problem {
+                a,
+                b,
+                q: [point, point, turn, turn, 0.0, 0.0],
+                r: [cost * (1.0 + config.one_sided * scarce * scarce), cost],
+            };
+            spin.gains[i] = problem.gains().map(|row| row.map(s));
+        }
+        spin
+    }
+
+    /// Trim at the yaw rate `r`.
+    fn trim(&self, r: S, healed: bool) -> Trim<S> {
+        if healed {
+            return Trim { push: S::ZERO, lean: S::ZERO };
+        }
+        let s = S::from_f32;
+        let stiffness = self.ratio * r * r;
+        let push = (stiffness * self.lean_max).min(self.trim_max);
+        let over = ((r.abs() - s(LIMITER_RAD_S.0)) * s(1.0 / (LIMITER_RAD_S.1 - LIMITER_RAD_S.0)))
+            .clamp(S::ZERO, S::ONE);
+        let push = push + over * (self.half_weight - push);
+        let lean = (push / stiffness.max(s(1e-3))).min(self.lean_max);
+        Trim { push, lean }
+    }
+
+    /// K at the yaw rate `r`, between the two nearest of the table.
+    fn gains(&self, r: S) -> [[S; N]; M] {
+        let last = TABLE - 1;
+        let r = r.abs().min(S::from_f32(last as f32));
+        let low = (r.to_f32() as usize).min(last - 1);
+        let share = r - S::from_f32(low as f32);
+        let (low, high) = (&self.gains[low], &self.gains[low + 1]);
+        core::array::from_fn(|i| core::array::from_fn(|j| low[i][j] + share * (high[i][j] - low[i][j])))
+    }
+
+    /// Where the body's down axis should point, body axes, and the thrust, N.
+    pub(crate) fn aim(
+        &self,
+        error_m: Vec3<Ned, S>,
+        error_m_s: Vec3<Ned, S>,
+        up_n: S,
+        attitude: &Attitude<S>,
+    ) -> (Vec3<Body, S>, S) {
+        let [kp, kd] = self.outer;
+        let s = S::from_f32;
+        let up = (up_n / self.mass_kg).max(s(0.3 * GRAVITY_M_S2));
+        let (mut north, mut east) = (kp * error_m.x + kd * error_m_s.x, kp * error_m.y + kd * error_m_s.y);
+        let wide = (north * north + east * east).sqrt();
+        let most = s(TAN_TILT_MAX) * up;
+        let share = most / wide.max(most);
+        (north, east) = (north * share, east * share);
+        let inverse = S::ONE / (north * north + east * east + up * up).sqrt();
+        let (north, east, down) = (-north * inverse, -east * inverse, up * inverse);
+        let [a, b, c] = attitude.rows;
+        let pointing = Vec3::new(
+            a[0] * north + b[0] * east + c[0] * down,
+            a[1] * north + b[1] * east + c[1] * down,
+            a[2] * north + b[2] * east + c[2] * down,
+        );
+        (pointing, self.mass_kg * up / c[2].max(s(UPRIGHT_MIN)))
+    }
+
+    /// Roll and pitch torques, N m.
+    pub(crate) fn torque_nm(&self, input: &SpinInput<S>) -> [S; 2] {
+        let [forward, right] = self.towards[input.rotor];
+        // Turned so that the dead rotor is on +y, and mirrored so that the spin is positive.
+        let mirrored = input.rate.z.lt(S::ZERO);
+        let flip = |x: S| S::select(mirrored, -x, x);
+        let turned = |x: S, y: S| (right * x - forward * y, forward * x + right * y);
+        let (n1, n2) = turned(input.pointing.x, input.pointing.y);
+        let (p, q) = turned(input.rate.x, input.rate.y);
+        let (roll, pitch) = turned(input.tilting_rad_s2[0], input.tilting_rad_s2[1]);
+        let r = input.rate.z.abs();
+        let Trim { push, lean } = self.trim(r, input.healed);
+        let upright = S::ONE / (S::ONE + lean * lean).sqrt();
+        let state = [flip(n1), n2 - lean * upright, p, flip(q) - r * lean, roll - push, flip(pitch)];
+        let gains = self.gains(r);
+        let fed = |row: &[S; N]| row.iter().zip(state).fold(S::ZERO, |sum, (&k, x)| sum + k * x);
+        let (roll, pitch) = (push - fed(&gains[0]), flip(-fed(&gains[1])));
+        [self.inertia_kg_m2 * (right * roll + forward * pitch), self.inertia_kg_m2 * (right * pitch - forward * roll)]
+    }
+}
