@@ -34,7 +34,7 @@ pub struct State<S: Scalar = f32> {
     ticks_s: [S; AXES],
     tilt_integrals: [S::Sum; 2],
     rotors: Option<RotorsState<S>>,
-    spinning: Option<Spinning>,
+    spinning: Option<Spinning<S>>,
     guard: YawGuard<S>,
     tilt_setpoint_rad: [S; 2],
     /// What the tilt limit refused, north and east, m/s².
@@ -69,12 +69,14 @@ pub struct Controller<S: Scalar = f32> {
 }
 
 /// A flight that has given its heading up.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Spinning {
+#[derive(Clone, Copy, Debug)]
+struct Spinning<S> {
     /// The rotor that is gone.
     rotor: usize,
     /// Whether it works again and the body only has to stop turning.
     healed: bool,
+    /// Horizontal push of the wind, north and east, m/s².
+    wind_m_s2: [S; 2],
 }
 
 /// ω × I ω for principal axes, which the rigid body adds and the flight cascade takes away again.
@@ -153,6 +155,9 @@ const AXES: usize = 4;
 
 /// |e_z| below which the altitude integral moves, m: a climb does not wind it up.
 const INTEGRAL_GATE_M: f32 = 0.5;
+
+/// Corner of the wind's estimate, rad/s: above the gusts, below the spin.
+const WIND_RAD_S: f32 = 4.0;
 
 impl<S: Scalar> Controller<S> {
     /// Checks `config` and builds the controller.
@@ -307,7 +312,7 @@ impl<S: Scalar> Controller<S> {
             rotors.observe(&mut watch, &state.output.thrust_n, rate, coupling, input.specific_force_m_s2.z, dt_s);
         state.spinning = self.next_spinning(state.spinning, &watch, rate.z);
         let demand = if let (Some(spinning), Some(spin)) = (state.spinning, &self.spin) {
-            self.pointed(state, input, errors, spin, spinning, rotors.tilting_rad_s2(&watch), dt_s)
+            self.pointed(state, input, errors, spin, spinning, rotors.tilting_rad_s2(&watch), residual.0[2], dt_s)
         } else {
             let wanted = self.wanted(state, rate, angles, errors, dt_s);
             let wanted = Demand {
@@ -325,7 +330,7 @@ impl<S: Scalar> Controller<S> {
     }
 
     /// Whether to spin, and for which rotor.
-    fn next_spinning(&self, now: Option<Spinning>, watch: &RotorsState<S>, yaw_rate: S) -> Option<Spinning> {
+    fn next_spinning(&self, now: Option<Spinning<S>>, watch: &RotorsState<S>, yaw_rate: S) -> Option<Spinning<S>> {
         let s = S::from_f32;
         self.spin.as_ref()?;
         let mut weakest = 0;
@@ -340,7 +345,7 @@ impl<S: Scalar> Controller<S> {
                 let limit = s(0.7) * self.hover_share;
                 let sure = share + s(2.0) * watch.health.uncertainty(weakest);
                 let fast = s(8.0).lt(yaw_rate.abs()) & share.lt(self.hover_share);
-                (sure.lt(limit) | fast).all().then_some(Spinning { rotor: weakest, healed: false })
+                (sure.lt(limit) | fast).all().then_some(Spinning { rotor: weakest, healed: false, wind_m_s2: [S::ZERO; 2] })
             }
             Some(spinning) => {
                 let share = watch.shares[spinning.rotor];
@@ -361,13 +366,21 @@ impl<S: Scalar> Controller<S> {
         input: &Input<S>,
         errors: &Errors<S>,
         spin: &Spin<S>,
-        spinning: Spinning,
+        spinning: Spinning<S>,
         tilting_rad_s2: [S; 2],
+        residual_z: S,
         dt_s: S,
     ) -> Demand<S> {
-        let s = S::from_f32;
         let (outer, _) = self.outer(state, input.rate_rad_s, errors, dt_s);
-        let (pointing, thrust_n) = spin.aim(errors.position_m, errors.velocity_m_s, outer.up_n, &input.attitude);
+        let felt = input.specific_force_m_s2;
+        let push = input.attitude.to_ned(Vec3::new(felt.x, felt.y, residual_z));
+        let calm = LowPass::new(S::from_f32(WIND_RAD_S), dt_s);
+        if let Some(Spinning { wind_m_s2: [north, east], .. }) = &mut state.spinning {
+            calm.step(north, push.x);
+            calm.step(east, push.y);
+        }
+        let (pointing, thrust_n) =
+            spin.aim(errors.position_m, errors.velocity_m_s, spinning.wind_m_s2, outer.up_n, &input.attitude);
         let [roll_nm, pitch_nm] = spin.torque_nm(&SpinInput {
             rotor: spinning.rotor,
             healed: spinning.healed,
@@ -375,7 +388,6 @@ impl<S: Scalar> Controller<S> {
             pointing,
             rate: input.rate_rad_s,
         });
-        let _ = s;
         Demand { thrust_n, roll_nm, pitch_nm, yaw_nm: -self.yaw_brake_nm_s * input.rate_rad_s.z }
     }
 
@@ -403,6 +415,9 @@ impl<S: Scalar> Controller<S> {
         if self.in_turn {
             let turn = state.turn % AXES;
             state.turn = turn + 1;
+            if state.spinning.is_some() && turn != 2 {
+                return;
+            }
             state.ticks_s[turn] = dt_s;
             let [a, b, c, d] = state.ticks_s;
             // In pairs: equal ticks add up without rounding.

@@ -211,7 +211,7 @@ impl<S: Scalar> Rotors<S> {
         filter.step(&mut state.force, force_z_m_s2 - made[2]);
         let mut residual = Residual([roll, pitch, state.force]);
         if let Some(health) = &self.health {
-            if self.learns_lag && !state.health.is_alarmed() {
+            if self.learns_lag && state.health.is_calm() {
                 state.lag.learn(slope, [roll, pitch], &motor, &filter, dt_s);
             }
             health.step(state, &self.columns, &mut residual, &filter, dt_s);

@@ -32,7 +32,7 @@ mod riccati;
 /// Spin up to which gains are tabulated, one a rad/s.
 const TABLE: usize = 41;
 /// Spin at which the limiter begins and at which it has all, rad/s.
-const LIMITER_RAD_S: (f32, f32) = (24.0, 34.0);
+const LIMITER_RAD_S: (f32, f32) = (19.0, 29.0);
 
 /// Tangent of the largest tilt asked for, 0.9 rad.
 const TAN_TILT_MAX: f32 = 1.260_158_2;
@@ -188,13 +188,15 @@ impl<S: Scalar> Spin<S> {
         &self,
         error_m: Vec3<Ned, S>,
         error_m_s: Vec3<Ned, S>,
+        wind_m_s2: [S; 2],
         up_n: S,
         attitude: &Attitude<S>,
     ) -> (Vec3<Body, S>, S) {
         let [kp, kd] = self.outer;
         let s = S::from_f32;
         let up = (up_n / self.mass_kg).max(s(0.3 * GRAVITY_M_S2));
-        let (mut north, mut east) = (kp * error_m.x + kd * error_m_s.x, kp * error_m.y + kd * error_m_s.y);
+        let mut north = kp * error_m.x + kd * error_m_s.x - wind_m_s2[0];
+        let mut east = kp * error_m.y + kd * error_m_s.y - wind_m_s2[1];
         let wide = (north * north + east * east).sqrt();
         let most = s(TAN_TILT_MAX) * up;
         let share = most / wide.max(most);

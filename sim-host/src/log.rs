@@ -3,7 +3,7 @@
 //! CSV opens in PlotJuggler, pandas and any spreadsheet; numbers are the shortest decimals that give the f64 back,
 //! so equal flights have equal bytes.
 use crate::flight::Sample;
-use control_core::Input;
+use control_core::{Alarm, Input};
 use std::io::Write;
 
 type Column = (&'static str, fn(&Sample) -> f64);
@@ -67,6 +67,27 @@ const Y: [Column; 6] = axis_columns!(1: "kp_y", "ki_y", "kd_y", "s_y", "v_y", "g
 const Z: [Column; 6] = axis_columns!(2: "kp_z", "ki_z", "kd_z", "s_z", "v_z", "gains_at_bound_z");
 const PSI: [Column; 6] = axis_columns!(3: "kp_psi", "ki_psi", "kd_psi", "s_psi", "v_psi", "gains_at_bound_psi");
 
+/// What the controller believes of the rotors; healthy where it does not watch them.
+const BELIEF: [Column; 9] = [
+    ("share_1", |x| believed(x, 0)),
+    ("share_2", |x| believed(x, 1)),
+    ("share_3", |x| believed(x, 2)),
+    ("share_4", |x| believed(x, 3)),
+    ("motor_lag_s", |x| x.telemetry.rotors.map_or(f64::NAN, |rotors| rotors.lag_s.into())),
+    ("alarm_rotor", |x| alarm(x).map_or(0.0, |alarm| alarm.rotor.map_or(5.0, |j| j as f64 + 1.0))),
+    ("alarm_loss", |x| alarm(x).map_or(0.0, |alarm| alarm.loss.into())),
+    ("alarm_confidence", |x| alarm(x).map_or(0.0, |alarm| alarm.confidence.into())),
+    ("spinning_rotor", |x| x.telemetry.spinning.map_or(0.0, |j| j as f64 + 1.0)),
+];
+
+fn believed(sample: &Sample, rotor: usize) -> f64 {
+    sample.telemetry.rotors.map_or(1.0, |rotors| rotors.shares[rotor].into())
+}
+
+fn alarm(sample: &Sample) -> Option<Alarm> {
+    sample.telemetry.rotors?.alarm
+}
+
 const REFUSED: [Column; 8] = [
     ("tilt_setpoint_roll_rad", |x| x.telemetry.tilt_setpoint_rad[0].into()),
     ("tilt_setpoint_pitch_rad", |x| x.telemetry.tilt_setpoint_rad[1].into()),
@@ -80,7 +101,7 @@ const REFUSED: [Column; 8] = [
 
 /// Every column, in order.
 fn columns() -> impl Iterator<Item = &'static Column> {
-    MOTION.iter().chain(&ROTORS).chain(&X).chain(&Y).chain(&Z).chain(&PSI).chain(&REFUSED)
+    MOTION.iter().chain(&ROTORS).chain(&X).chain(&Y).chain(&Z).chain(&PSI).chain(&BELIEF).chain(&REFUSED)
 }
 
 /// The log of one flight.

@@ -142,9 +142,9 @@ impl<S: Scalar> HealthState<S> {
         Self { suspects: [suspect; HYPOTHESES], mean: [S::ZERO; 3] }
     }
 
-    /// Whether anything was found that has not gone.
-    pub(crate) fn is_alarmed(&self) -> bool {
-        self.suspects.iter().any(|suspect| suspect.found)
+    /// Whether nothing is found, and nothing suspected.
+    pub(super) fn is_calm(&self) -> bool {
+        !self.suspects.iter().any(|suspect| suspect.found || S::ONE.lt(suspect.nats).all())
     }
 
     /// The worst loss that was found, if any.

@@ -4,7 +4,8 @@
 //! ∂/∂τ 1/(1 + τ s) = −s/(1 + τ s)²     so     x ≈ −ψ (τ − τ̂),   ψ = filter(lag(ṁ))     τ̂ ← τ̂ − ψ x dt / J,   J = ∫ψ²
 //! ```
 //!
-//! Least squares with forgetting, on roll and pitch together: the noise of the gyro alone works the motors enough to see it.
+//! Least squares with forgetting, on roll and pitch together, only where ψ is far above what the gyro's noise makes of it by way of the
+//! commands: that part is correlated with the residual's own noise, and would pull the lag down. So it takes a manoeuvre.
 use crate::Scalar;
 use crate::filter::LowPass;
 
@@ -14,6 +15,10 @@ const LAG_S: (f32, f32) = (0.005, 0.15);
 const MEMORY_S: f32 = 20.0;
 /// ∫ψ² that the first guess is worth, (rad/s³)² s.
 const FIRST_GUESS: f32 = 150.0;
+/// ψ below which nothing is learnt, rad/s³.
+const EXCITED: f32 = 60.0;
+/// Units in which ψ is squared: fixed point holds a thousand of them.
+const UNIT: f32 = 32.0;
 
 /// What is known of the lag.
 #[derive(Clone, Copy, Debug)]
@@ -39,15 +44,17 @@ impl<S: Scalar> Lag<S> {
         let mut square = S::ZERO;
         let mut product = S::ZERO;
         for axis in 0..2 {
-            motor.step(&mut self.once[axis], slope[axis]);
+            motor.step(&mut self.once[axis], slope[axis] * s(1.0 / UNIT));
             filter.step(&mut self.twice[axis], self.once[axis]);
             square = square + self.twice[axis] * self.twice[axis];
             product = product + self.twice[axis] * residual[axis];
         }
+        let excited = s(EXCITED * EXCITED / (UNIT * UNIT)).lt(square);
         let known = S::from_sum(self.information);
-        let rate = square - known * s(1.0 / MEMORY_S);
-        self.information = S::integrate(self.information, rate, dt_s, (S::ZERO, s(30_000.0)));
-        let slope = -product / (known + s(FIRST_GUESS));
-        self.lag_s = S::integrate(self.lag_s, slope, dt_s, (s(LAG_S.0), s(LAG_S.1)));
+        let rate = S::select(excited, square, S::ZERO) - known * s(1.0 / MEMORY_S);
+        self.information = S::integrate(self.information, rate, dt_s, (S::ZERO, s(1000.0)));
+        let change = -product / ((known + s(FIRST_GUESS / (UNIT * UNIT))) * s(UNIT));
+        let change = S::select(excited, change, S::ZERO);
+        self.lag_s = S::integrate(self.lag_s, change, dt_s, (s(LAG_S.0), s(LAG_S.1)));
     }
 }
