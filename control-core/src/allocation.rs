@@ -14,6 +14,7 @@
 //! Invariants: every rotor thrust is within its own limits, to rounding; a demand that fits is refused exactly zero.
 //! Source: docs/control-law.md, "Guidance, allocation, yaw guard".
 use crate::airframe::Airframe;
+use crate::frames::{Body, Vec3};
 use crate::{ConfigError, Scalar};
 
 /// Total thrust and body torques: asked for, achieved or refused.
@@ -32,6 +33,16 @@ pub struct Demand<S = f32> {
 impl<S: Scalar> Demand<S> {
     /// Asks for nothing.
     pub(crate) const NOTHING: Self = Self { thrust_n: S::ZERO, roll_nm: S::ZERO, pitch_nm: S::ZERO, yaw_nm: S::ZERO };
+
+    /// The same demand with `torque_nm` more.
+    pub(crate) fn with_torque(self, torque_nm: Vec3<Body, S>) -> Self {
+        Self {
+            thrust_n: self.thrust_n,
+            roll_nm: self.roll_nm + torque_nm.x,
+            pitch_nm: self.pitch_nm + torque_nm.y,
+            yaw_nm: self.yaw_nm + torque_nm.z,
+        }
+    }
 
     /// The same demand in another number format.
     pub(crate) fn map<T>(&self, f: impl Fn(S) -> T) -> Demand<T> {

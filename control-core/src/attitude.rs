@@ -52,6 +52,7 @@ impl<S: Scalar> AttitudeLaw<S> {
     }
 
     /// Torque, N m, without the coupling.
+    #[inline(always)]
     pub(crate) fn step(&self, integral: &mut S::Sum, input: &AttitudeInput<S>) -> S {
         let stuck = S::ZERO.lt(input.refused_nm * input.error_rad);
         let rate = S::select(stuck, S::ZERO, input.error_rad);

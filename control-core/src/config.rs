@@ -6,7 +6,6 @@ use crate::airframe::Airframe;
 use crate::attitude::AttitudeGains;
 use crate::law::{LgsGains, RawGains, TABLE_2_PSI, TABLE_2_X, TABLE_2_Y, TABLE_2_Z};
 use crate::rotors::RotorsConfig;
-use crate::spin::SpinConfig;
 use crate::{GRAVITY_M_S2, Law};
 use core::fmt;
 
@@ -63,8 +62,6 @@ pub struct Config {
     pub yaw_turns_thrust: bool,
     /// How the rotors are watched, or not at all.
     pub rotors: Option<RotorsConfig>,
-    /// How to fly with one rotor gone, for those who know that it is.
-    pub spin: Option<SpinConfig>,
     /// Gains of every loop.
     pub gains: Gains,
     /// Nominal tick rate, Hz.
@@ -348,7 +345,6 @@ impl Config {
             cascade: Cascade::Flight,
             yaw_turns_thrust: true,
             rotors: None,
-            spin: None,
             gains: Gains::flight(&airframe),
             control_hz: 500.0,
             filter_hz: 25.0,

@@ -182,6 +182,7 @@ impl<S: Scalar> AxisLaw<S> {
     }
 
     /// The fast part of a tick: filters the errors and commands with the present gains. Returns u.
+    #[inline(always)]
     pub(crate) fn command(&self, state: &mut AxisState<S>, input: &AxisInput<S>, low_pass: &LowPass<S>) -> S {
         let slope = low_pass.step(&mut state.error_rate, input.error_rate);
         low_pass.step(&mut state.error_accel, input.error_accel.unwrap_or(slope));
@@ -193,6 +194,7 @@ impl<S: Scalar> AxisLaw<S> {
     }
 
     /// The slow part: moves ∫e, then the gains, by what the last tick teaches.
+    #[inline(always)]
     pub(crate) fn learn(&self, state: &mut AxisState<S>, lesson: &Lesson<S>) {
         let stuck = S::ZERO.lt(lesson.refused * lesson.error) | !lesson.integrate;
         let rate = S::select(stuck, S::ZERO, lesson.error);

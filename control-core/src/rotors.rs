@@ -24,13 +24,15 @@ use crate::airframe::Airframe;
 use crate::config::{ConfigError, positive};
 use crate::filter::LowPass;
 use crate::frames::{Body, Vec3};
-use crate::{Demand, Scalar};
+use crate::spin::{Spin, SpinConfig, Spinning};
+use crate::{Demand, Mask, Scalar};
 
 mod health;
 mod lag;
 
-pub(crate) use health::{Health, HealthState};
+use health::{Health, HealthState};
 pub use health::{Alarm, DetectorConfig};
+use lag::Lag;
 
 /// Who says how healthy the rotors are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,18 +56,34 @@ pub struct RotorsConfig {
     pub incremental: bool,
     /// Who says how healthy they are.
     pub knowledge: Knowledge,
+    /// How to fly with one rotor gone, for those who know that it is.
+    pub spin: Option<SpinConfig>,
 }
 
 impl RotorsConfig {
     /// A rotor of 20 ms; a corner between the noise it lets into the motors and the time a weak rotor has to push.
     pub const INCREMENTAL: Self =
-        Self { motor_lag_s: 0.02, filter_hz: 15.0, incremental: true, knowledge: Knowledge::Assumed };
-    /// Told how healthy the rotors are, and nothing else.
-    pub const TOLD: Self = Self { incremental: false, knowledge: Knowledge::Told, ..Self::INCREMENTAL };
+        Self { motor_lag_s: 0.02, filter_hz: 15.0, incremental: true, knowledge: Knowledge::Assumed, spin: None };
+    /// Told how healthy the rotors are; the residual is not used.
+    pub const TOLD: Self = Self {
+        incremental: false,
+        knowledge: Knowledge::Told,
+        spin: Some(SpinConfig::NOMINAL),
+        ..Self::INCREMENTAL
+    };
     /// Finds out how healthy the rotors are.
     pub const ESTIMATED: Self =
-        Self { knowledge: Knowledge::Estimated(DetectorConfig::NOMINAL), ..Self::INCREMENTAL };
+        Self { knowledge: Knowledge::Estimated(DetectorConfig::NOMINAL), spin: Some(SpinConfig::NOMINAL), ..Self::INCREMENTAL };
 }
+
+/// Share of what a heading needs below which a rotor is done without.
+const LOST: f32 = 0.7;
+/// Share of what a heading needs above which a rotor is taken back.
+const HEALED: f32 = 1.1;
+/// Standard errors that make an estimate sure.
+const SURE: f32 = 2.0;
+/// Yaw rate at which a machine that cannot hold its heading is better off spinning, and at which it has stopped, rad/s.
+const TURNING_RAD_S: (f32, f32) = (8.0, 2.0);
 
 /// What is believed of the rotors, for logs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,6 +94,8 @@ pub struct RotorsTelemetry<S = f32> {
     pub alarm: Option<Alarm<S>>,
     /// Time constant of a rotor's thrust, s.
     pub lag_s: S,
+    /// The rotor without which the machine spins, 0 to 3.
+    pub spinning: Option<usize>,
 }
 
 impl<S: Scalar> RotorsTelemetry<S> {
@@ -85,6 +105,7 @@ impl<S: Scalar> RotorsTelemetry<S> {
             shares: self.shares.map(S::to_f32),
             alarm: self.alarm.map(Alarm::to_f32),
             lag_s: self.lag_s.to_f32(),
+            spinning: self.spinning,
         }
     }
 }
@@ -107,9 +128,11 @@ pub(crate) struct Rotors<S> {
     filter_rad_s: S,
     incremental: bool,
     listens: bool,
-    pub(crate) health: Option<Health<S>>,
-    learns_lag: bool,
+    health: Option<Health<S>>,
     lag_s: S,
+    /// Share of its thrust that a rotor needs for a hover with heading.
+    hover_share: S,
+    pub(crate) spin: Option<Spin<S>>,
 }
 
 /// What the watch remembers.
@@ -121,16 +144,47 @@ pub(crate) struct RotorsState<S: Scalar> {
     felt_n: [S; 4],
     rate_rad_s: [S; 2],
     /// Slope of the filtered rates, rad/s².
-    rate_slope: [S; 2],
+    slope_rad_s2: [S; 2],
     /// Predicted acceleration through the filter.
     predicted: [S; 2],
     force: S,
-    lag: lag::Lag<S>,
+    lag: Lag<S>,
     /// η_j.
     pub(crate) shares: [S; 4],
     /// Shares that somebody else knows.
     told: [Option<S>; 4],
-    pub(crate) health: HealthState<S>,
+    health: HealthState<S>,
+    /// The spin, if heading is given up.
+    pub(crate) spinning: Option<Spinning<S>>,
+}
+
+impl<S: Scalar> RotorsState<S> {
+    /// Rotors that have made `thrust_n` each for long, level and at rest.
+    pub(crate) fn new(thrust_n: S, rotors: Option<&Rotors<S>>) -> Self {
+        Self {
+            made_n: [thrust_n; 4],
+            felt_n: [thrust_n; 4],
+            rate_rad_s: [S::ZERO; 2],
+            slope_rad_s2: [S::ZERO; 2],
+            predicted: [S::ZERO; 2],
+            force: S::ZERO,
+            lag: Lag::new(rotors.map_or(S::ONE, |rotors| rotors.lag_s)),
+            shares: [S::ONE; 4],
+            told: [None; 4],
+            health: HealthState::new(),
+            spinning: None,
+        }
+    }
+
+    /// What is believed of the rotors.
+    pub(crate) fn telemetry(&self) -> RotorsTelemetry<S> {
+        RotorsTelemetry {
+            shares: self.shares,
+            alarm: self.health.alarm(),
+            lag_s: self.lag.lag_s(),
+            spinning: self.spinning.map(|spinning| spinning.rotor),
+        }
+    }
 }
 
 impl<S: Scalar> Rotors<S> {
@@ -154,26 +208,11 @@ impl<S: Scalar> Rotors<S> {
             filter_rad_s: s(core::f32::consts::TAU * config.filter_hz),
             incremental: config.incremental,
             listens: config.knowledge != Knowledge::Assumed,
-            learns_lag: health.is_some(),
             health,
             lag_s: s(config.motor_lag_s),
+            hover_share: s(airframe.weight_n() / airframe.rotors.iter().map(|r| r.thrust_n_max).sum::<f32>()),
+            spin: config.spin.map(|spin| Spin::try_new(&spin, airframe, config.motor_lag_s, control_hz)).transpose()?,
         })
-    }
-
-    /// Rotors that have made `thrust_n` each for long, level and at rest.
-    pub(crate) fn state(&self, thrust_n: S) -> RotorsState<S> {
-        RotorsState {
-            made_n: [thrust_n; 4],
-            felt_n: [thrust_n; 4],
-            rate_rad_s: [S::ZERO; 2],
-            rate_slope: [S::ZERO; 2],
-            predicted: [S::ZERO; 2],
-            force: S::ZERO,
-            lag: lag::Lag::new(self.lag_s),
-            shares: [S::ONE; 4],
-            told: [None; 4],
-            health: HealthState::new(),
-        }
     }
 
     /// Compares what the last commands should have done with what the sensors felt, and learns from the difference.
@@ -204,14 +243,14 @@ impl<S: Scalar> Rotors<S> {
         }
         filter.step(&mut state.predicted[0], made[0]);
         filter.step(&mut state.predicted[1], made[1]);
-        state.rate_slope =
+        state.slope_rad_s2 =
             [filter.step(&mut state.rate_rad_s[0], rate.x), filter.step(&mut state.rate_rad_s[1], rate.y)];
-        let roll = state.rate_slope[0] - state.predicted[0];
-        let pitch = state.rate_slope[1] - state.predicted[1];
+        let roll = state.slope_rad_s2[0] - state.predicted[0];
+        let pitch = state.slope_rad_s2[1] - state.predicted[1];
         filter.step(&mut state.force, force_z_m_s2 - made[2]);
         let mut residual = Residual([roll, pitch, state.force]);
         if let Some(health) = &self.health {
-            if self.learns_lag && state.health.is_calm() {
+            if state.health.is_calm() {
                 state.lag.learn(slope, [roll, pitch], &motor, &filter, dt_s);
             }
             health.step(state, &self.columns, &mut residual, &filter, dt_s);
@@ -227,11 +266,6 @@ impl<S: Scalar> Rotors<S> {
                 *share = told.unwrap_or(S::ONE);
             }
         }
-    }
-
-    /// What is believed of the rotors.
-    pub(crate) fn telemetry(&self, state: &RotorsState<S>) -> RotorsTelemetry<S> {
-        RotorsTelemetry { shares: state.shares, alarm: state.health.alarm(), lag_s: state.lag.lag_s() }
     }
 
     /// What must be asked for so that the body feels `wanted`.
@@ -257,5 +291,30 @@ impl<S: Scalar> Rotors<S> {
             sum = [sum[0] + roll * thrust_n, sum[1] + pitch * thrust_n];
         }
         sum
+    }
+
+    /// Whether to spin in this tick, and without which rotor.
+    ///
+    /// A rotor is done without if it surely makes less than [`LOST`] of what a heading needs, or if it makes less than that and the body
+    /// turns. It is taken back when it makes [`HEALED`] times that: then the body is braked, and heading returns when it hardly turns.
+    pub(crate) fn next_spinning(&self, state: &RotorsState<S>, yaw_rate_rad_s: S) -> Option<Spinning<S>> {
+        let s = S::from_f32;
+        let turns = yaw_rate_rad_s.abs();
+        if let Some(spinning) = state.spinning {
+            let healed = (s(HEALED) * self.hover_share).lt(state.shares[spinning.rotor]);
+            let done = healed & turns.lt(s(TURNING_RAD_S.1));
+            return (!done).all().then_some(Spinning { healed: healed.all(), ..spinning });
+        }
+        let mut weakest = 0;
+        for rotor in 1..4 {
+            if state.shares[rotor].lt(state.shares[weakest]).all() {
+                weakest = rotor;
+            }
+        }
+        let share = state.shares[weakest];
+        let surely = share + s(SURE) * state.health.uncertainty(weakest);
+        let lost = surely.lt(s(LOST) * self.hover_share);
+        let turning = share.lt(self.hover_share) & s(TURNING_RAD_S.0).lt(turns);
+        (lost | turning).all().then(|| Spinning::without(weakest))
     }
 }

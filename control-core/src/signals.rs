@@ -108,8 +108,6 @@ pub struct Telemetry<S: Scalar = f32> {
     pub yaw_guard: S::Mask,
     /// What is believed of the rotors, if they are watched.
     pub rotors: Option<RotorsTelemetry<S>>,
-    /// The rotor without which the machine spins, 0 to 3.
-    pub spinning: Option<usize>,
 }
 
 impl<S: Scalar> Telemetry<S> {
@@ -122,7 +120,6 @@ impl<S: Scalar> Telemetry<S> {
             refused: self.refused.map(f),
             yaw_guard: self.yaw_guard.all(),
             rotors: self.rotors.as_ref().map(RotorsTelemetry::to_f32),
-            spinning: self.spinning,
         }
     }
 }

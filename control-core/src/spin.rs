@@ -23,7 +23,11 @@
 //! Source: docs/control-law.md, "One rotor gone"; M. W. Mueller, R. D'Andrea, "Stability and control of a quadrocopter despite
 //! the complete loss of one, two, or three propellers", 2014.
 use crate::airframe::Airframe;
+use crate::config::{ConfigError, positive};
+use crate::filter::LowPass;
 use crate::frames::{Attitude, Body, Ned, Vec3};
+use crate::rotors::Residual;
+use crate::signals::Input;
 use crate::{GRAVITY_M_S2, Scalar};
 use riccati::{M, N, Problem};
 
@@ -77,12 +81,39 @@ pub(crate) struct Spin<S> {
     mass_kg: S,
 }
 
+/// A flight that has given its heading up.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Spinning<S> {
+    /// The rotor that is gone, 0 to 3.
+    pub(crate) rotor: usize,
+    /// Whether it works again: the lean is given up, and the body only has to stop turning.
+    pub(crate) healed: bool,
+    /// Push of the wind, north and east, m/s².
+    pub(crate) wind_m_s2: [S; 2],
+}
+
+/// Corner of the wind's estimate, rad/s: above the gusts, below the spin.
+const WIND_RAD_S: f32 = 4.0;
+
+impl<S: Scalar> Spinning<S> {
+    /// Begins to spin without `rotor`.
+    pub(crate) fn without(rotor: usize) -> Self {
+        Self { rotor, healed: false, wind_m_s2: [S::ZERO; 2] }
+    }
+
+    /// Takes the force that the rotors do not make for wind.
+    pub(crate) fn feel_wind(&mut self, input: &Input<S>, residual: &Residual<S>, dt_s: S) {
+        let Residual([_, _, down]) = *residual;
+        let felt = input.specific_force_m_s2;
+        let push = input.attitude.to_ned(Vec3::new(felt.x, felt.y, down));
+        let low_pass = LowPass::new(S::from_f32(WIND_RAD_S), dt_s);
+        low_pass.step(&mut self.wind_m_s2[0], push.x);
+        low_pass.step(&mut self.wind_m_s2[1], push.y);
+    }
+}
+
 /// What the law needs to know in one tick.
 pub(crate) struct SpinInput<S> {
-    /// The rotor that is gone.
-    pub(crate) rotor: usize,
-    /// Whether it works again: the lean is given up.
-    pub(crate) healed: bool,
     /// Roll and pitch acceleration the rotors make, body axes, rad/s².
     pub(crate) tilting_rad_s2: [S; 2],
     /// Wanted direction of the body's down axis, body axes, unit length.
@@ -97,7 +128,24 @@ struct Trim<S> {
 }
 
 impl<S: Scalar> Spin<S> {
-    pub(crate) fn new(config: &SpinConfig, airframe: &Airframe, motor_lag_s: f32, control_hz: f32) -> Self {
+    pub(crate) fn try_new(
+        config: &SpinConfig,
+        airframe: &Airframe,
+        motor_lag_s: f32,
+        control_hz: f32,
+    ) -> Result<Self, ConfigError> {
+        let SpinConfig { weights: [point, turn], one_sided, lean_max, trim_max, outer: [kp, kd] } = *config;
+        for (field, value) in [
+            ("weights.n", point),
+            ("weights.rate", turn),
+            ("one_sided", one_sided),
+            ("lean_max", lean_max),
+            ("trim_max", trim_max),
+            ("outer.p", kp),
+            ("outer.d", kd),
+        ] {
+            positive("spin", field, value)?;
+        }
         let [ix, iy, iz] = airframe.inertia_kg_m2;
         let inertia = 0.5 * (ix + iy);
         let ratio = (iz - inertia) / inertia;
@@ -112,10 +160,10 @@ impl<S: Scalar> Spin<S> {
             }),
             ratio: s(ratio),
             inertia_kg_m2: s(inertia),
-            lean_max: s(config.lean_max),
-            trim_max: s(config.trim_max * half_weight),
+            lean_max: s(lean_max),
+            trim_max: s(trim_max * half_weight),
             half_weight: s(half_weight),
-            outer: config.outer.map(s),
+            outer: [s(kp), s(kd)],
             mass_kg: s(airframe.mass_kg),
         };
         let dt = 1.0 / control_hz;
@@ -146,16 +194,15 @@ impl<S: Scalar> Spin<S> {
                     (dt * f32::from(u8::from(i == j)) + 0.5 * dt * dt * slope[i][j]) / motor_lag_s
                 })
             });
-            let [point, turn] = config.weights;
             let problem = Problem {
                 a,
                 b,
                 q: [point, point, turn, turn, 0.0, 0.0],
-                r: [cost * (1.0 + config.one_sided * scarce * scarce), cost],
+                r: [cost * (1.0 + one_sided * scarce * scarce), cost],
             };
             spin.gains[i] = problem.gains().map(|row| row.map(s));
         }
-        spin
+        Ok(spin)
     }
 
     /// Trim at the yaw rate `r`.
@@ -186,17 +233,17 @@ impl<S: Scalar> Spin<S> {
     /// Where the body's down axis should point, body axes, and the thrust, N.
     pub(crate) fn aim(
         &self,
+        spinning: &Spinning<S>,
         error_m: Vec3<Ned, S>,
         error_m_s: Vec3<Ned, S>,
-        wind_m_s2: [S; 2],
         up_n: S,
         attitude: &Attitude<S>,
     ) -> (Vec3<Body, S>, S) {
         let [kp, kd] = self.outer;
         let s = S::from_f32;
         let up = (up_n / self.mass_kg).max(s(0.3 * GRAVITY_M_S2));
-        let mut north = kp * error_m.x + kd * error_m_s.x - wind_m_s2[0];
-        let mut east = kp * error_m.y + kd * error_m_s.y - wind_m_s2[1];
+        let mut north = kp * error_m.x + kd * error_m_s.x - spinning.wind_m_s2[0];
+        let mut east = kp * error_m.y + kd * error_m_s.y - spinning.wind_m_s2[1];
         let wide = (north * north + east * east).sqrt();
         let most = s(TAN_TILT_MAX) * up;
         let share = most / wide.max(most);
@@ -213,8 +260,8 @@ impl<S: Scalar> Spin<S> {
     }
 
     /// Roll and pitch torques, N m.
-    pub(crate) fn torque_nm(&self, input: &SpinInput<S>) -> [S; 2] {
-        let [forward, right] = self.towards[input.rotor];
+    pub(crate) fn torque_nm(&self, spinning: &Spinning<S>, input: &SpinInput<S>) -> [S; 2] {
+        let [forward, right] = self.towards[spinning.rotor];
         // Turned so that the dead rotor is on +y, and mirrored so that the spin is positive.
         let mirrored = input.rate.z.lt(S::ZERO);
         let flip = |x: S| S::select(mirrored, -x, x);
@@ -223,7 +270,7 @@ impl<S: Scalar> Spin<S> {
         let (p, q) = turned(input.rate.x, input.rate.y);
         let (roll, pitch) = turned(input.tilting_rad_s2[0], input.tilting_rad_s2[1]);
         let r = input.rate.z.abs();
-        let Trim { push, lean } = self.trim(r, input.healed);
+        let Trim { push, lean } = self.trim(r, spinning.healed);
         let upright = S::ONE / (S::ONE + lean * lean).sqrt();
         let state = [flip(n1), n2 - lean * upright, p, flip(q) - r * lean, roll - push, flip(pitch)];
         let gains = self.gains(r);

@@ -2,7 +2,7 @@
 use crate::plant::PlantKind;
 use crate::scenario::Scenario;
 use control_core::law::RawGains;
-use control_core::{AttitudeGains, AxisConfig, Cascade, Config, Gains, Law, RotorsConfig, SpinConfig};
+use control_core::{AttitudeGains, AxisConfig, Cascade, Config, Gains, Law, RotorsConfig};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -258,14 +258,8 @@ impl ControllerName {
             PlantKind::Paper | PlantKind::Rigid => Config::flight(law, airframe),
         };
         match self {
-            Self::Default => {
-                config.rotors = Some(RotorsConfig::ESTIMATED);
-                config.spin = Some(SpinConfig::NOMINAL);
-            }
-            Self::Oracle => {
-                config.rotors = Some(RotorsConfig::TOLD);
-                config.spin = Some(SpinConfig::NOMINAL);
-            }
+            Self::Default => config.rotors = Some(RotorsConfig::ESTIMATED),
+            Self::Oracle => config.rotors = Some(RotorsConfig::TOLD),
             Self::Indi | Self::LgsIndi => config.rotors = Some(RotorsConfig::INCREMENTAL),
             Self::Lqi => config.gains = Gains::lqi(&airframe),
             Self::PidOpt => config.gains = Gains::optimised(&airframe),

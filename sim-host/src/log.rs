@@ -77,7 +77,7 @@ const BELIEF: [Column; 9] = [
     ("alarm_rotor", |x| alarm(x).map_or(0.0, |alarm| alarm.rotor.map_or(5.0, |j| j as f64 + 1.0))),
     ("alarm_loss", |x| alarm(x).map_or(0.0, |alarm| alarm.loss.into())),
     ("alarm_confidence", |x| alarm(x).map_or(0.0, |alarm| alarm.confidence.into())),
-    ("spinning_rotor", |x| x.telemetry.spinning.map_or(0.0, |j| j as f64 + 1.0)),
+    ("spinning_rotor", |x| x.telemetry.rotors.and_then(|rotors| rotors.spinning).map_or(0.0, |j| j as f64 + 1.0)),
 ];
 
 fn believed(sample: &Sample, rotor: usize) -> f64 {

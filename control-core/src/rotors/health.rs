@@ -283,7 +283,7 @@ impl<S: Scalar> Health<S> {
             }
         }
         // What was explained away was so since the onset.
-        state.predicted = [state.rate_slope[0] - x[0], state.rate_slope[1] - x[1]];
+        state.predicted = [state.slope_rad_s2[0] - x[0], state.slope_rad_s2[1] - x[1]];
         state.force = x[2];
         let all = suspects[ALL].factor;
         for j in 0..4 {
