@@ -51,8 +51,8 @@ pub use rotors::{Alarm, DetectorConfig, Knowledge, RotorsConfig, RotorsTelemetry
 #[cfg(feature = "fixed")]
 pub use scalar::fixed::Q16;
 pub use scalar::{Mask, Scalar};
-pub use spin::SpinConfig;
 pub use signals::{Axis, Input, Output, Setpoint, Telemetry};
+pub use spin::SpinConfig;
 
 /// Gravitational acceleration, m/s² (the paper's Table 1).
 pub const GRAVITY_M_S2: f32 = 9.81;

@@ -30,8 +30,8 @@ use crate::{Demand, Mask, Scalar};
 mod health;
 mod lag;
 
-use health::{Health, HealthState};
 pub use health::{Alarm, DetectorConfig};
+use health::{Health, HealthState};
 use lag::Lag;
 
 /// Who says how healthy the rotors are.
@@ -65,15 +65,14 @@ impl RotorsConfig {
     pub const INCREMENTAL: Self =
         Self { motor_lag_s: 0.02, filter_hz: 15.0, incremental: true, knowledge: Knowledge::Assumed, spin: None };
     /// Told how healthy the rotors are; the residual is not used.
-    pub const TOLD: Self = Self {
-        incremental: false,
-        knowledge: Knowledge::Told,
+    pub const TOLD: Self =
+        Self { incremental: false, knowledge: Knowledge::Told, spin: Some(SpinConfig::NOMINAL), ..Self::INCREMENTAL };
+    /// Finds out how healthy the rotors are.
+    pub const ESTIMATED: Self = Self {
+        knowledge: Knowledge::Estimated(DetectorConfig::NOMINAL),
         spin: Some(SpinConfig::NOMINAL),
         ..Self::INCREMENTAL
     };
-    /// Finds out how healthy the rotors are.
-    pub const ESTIMATED: Self =
-        Self { knowledge: Knowledge::Estimated(DetectorConfig::NOMINAL), spin: Some(SpinConfig::NOMINAL), ..Self::INCREMENTAL };
 }
 
 /// Share of what a heading needs below which a rotor is done without.
@@ -196,9 +195,7 @@ impl<S: Scalar> Rotors<S> {
         let columns = airframe.rotors.map(|r| [-r.right_m / ix, r.forward_m / iy, -1.0 / airframe.mass_kg]);
         let health = match config.knowledge {
             Knowledge::Assumed | Knowledge::Told => None,
-            Knowledge::Estimated(detector) => {
-                Some(Health::try_new(&detector, airframe, config.filter_hz, control_hz)?)
-            }
+            Knowledge::Estimated(detector) => Some(Health::try_new(&detector, airframe, config.filter_hz, control_hz)?),
         };
         Ok(Self {
             columns: columns.map(|column| Column(column.map(s))),

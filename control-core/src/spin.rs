@@ -213,8 +213,8 @@ impl<S: Scalar> Spin<S> {
         let s = S::from_f32;
         let stiffness = self.ratio * r * r;
         let push = (stiffness * self.lean_max).min(self.trim_max);
-        let over = ((r.abs() - s(LIMITER_RAD_S.0)) * s(1.0 / (LIMITER_RAD_S.1 - LIMITER_RAD_S.0)))
-            .clamp(S::ZERO, S::ONE);
+        let over =
+            ((r.abs() - s(LIMITER_RAD_S.0)) * s(1.0 / (LIMITER_RAD_S.1 - LIMITER_RAD_S.0))).clamp(S::ZERO, S::ONE);
         let push = push + over * (self.half_weight - push);
         let lean = (push / stiffness.max(s(1e-3))).min(self.lean_max);
         Trim { push, lean }

@@ -203,7 +203,12 @@ fn fly(args: &FlyArgs) -> Result<(), Failure> {
     let seed = args.seed.unwrap_or(scenario.seed);
     let flight = Flight { scenario: &scenario, controller, seed, format: args.format };
     let mut log = Log::at_rate(args.log_hz.into(), scenario.control_hz());
-    let mut ticks = args.ticks.is_some().then(TickRecord::default);
+    let mut ticks = match &args.ticks {
+        None => None,
+        Some(path) => Some(TickRecord::new(controller).ok_or_else(|| {
+            Failure::bad_input(format!("--ticks {}: only lgs and default are known to the board", path.display()))
+        })?),
+    };
     let flown = fly_measured(&flight, &mut |sample| {
         log.note(sample);
         if let Some(ticks) = &mut ticks {

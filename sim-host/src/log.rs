@@ -2,6 +2,7 @@
 //!
 //! CSV opens in PlotJuggler, pandas and any spreadsheet; numbers are the shortest decimals that give the f64 back,
 //! so equal flights have equal bytes.
+use crate::controllers::ControllerName;
 use crate::flight::Sample;
 use control_core::{Alarm, Input};
 use std::io::Write;
@@ -152,14 +153,24 @@ const TICK_RECORD_MAGIC: &[u8; 8] = b"TICKREC1";
 
 /// Every input of the controller and the thrusts it answered with: what a board needs to repeat the flight to the bit.
 ///
-/// Little-endian: magic, number of ticks (u32), zero (u32), then 33 inputs and 4 thrusts a tick (f32).
-#[derive(Default)]
+/// Little-endian: magic, number of ticks (u32), which controller (u32), then 33 inputs and 4 thrusts a tick (f32).
 pub struct TickRecord {
+    controller: u32,
     ticks: u32,
     bytes: Vec<u8>,
 }
 
 impl TickRecord {
+    /// An empty record; none for a controller that the board does not know.
+    pub fn new(controller: ControllerName) -> Option<Self> {
+        let controller = match controller {
+            ControllerName::Lgs => 0,
+            ControllerName::Default => 1,
+            _ => return None,
+        };
+        Some(Self { controller, ticks: 0, bytes: Vec::new() })
+    }
+
     /// Takes a tick.
     pub fn note(&mut self, sample: &Sample) {
         self.ticks += 1;
@@ -189,7 +200,7 @@ impl TickRecord {
     pub fn write(&self, mut out: impl Write) -> std::io::Result<()> {
         out.write_all(TICK_RECORD_MAGIC)?;
         out.write_all(&self.ticks.to_le_bytes())?;
-        out.write_all(&0_u32.to_le_bytes())?;
+        out.write_all(&self.controller.to_le_bytes())?;
         out.write_all(&self.bytes)
     }
 }

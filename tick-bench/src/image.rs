@@ -1,7 +1,7 @@
 //! The program: replay, compare, print.
 use crate::count::Counter;
 use crate::{math, record};
-use control_core::{Airframe, Config, Controller, Input, Law, Output, State};
+use control_core::{Controller, Input, Output, State};
 use core::fmt::{self, Display};
 use core::hint::black_box;
 use core::panic::PanicInfo;
@@ -20,9 +20,8 @@ fn main() -> ! {
 fn run() -> Result<(), &'static str> {
     let peripherals = cortex_m::Peripherals::take().ok_or("the peripherals are taken")?;
     let counter = Counter::new(peripherals.SYST);
-    let config = Config::flight(Law::Lgs, Airframe::paper(2.2));
+    let record::Record { config, ticks } = record::flight().ok_or("no tick record at 0x21000000")?;
     let controller = Controller::try_new(black_box(&config)).map_err(|_| "the flight configuration is refused")?;
-    let ticks = record::ticks().ok_or("no tick record at 0x21000000")?;
     hprintln!("{}", replay(&counter, &controller, ticks));
     math::print(&counter);
     Ok(())

@@ -1,6 +1,6 @@
 //! The tick record: what every tick of a flight saw, and the thrusts the host computed from it.
 //!
-//! Little-endian: the magic `TICKREC1`, a `u32` count, a `u32` zero, then for every tick 37 `f32`:
+//! Little-endian: the magic `TICKREC1`, a `u32` count, a `u32` that says who flew (0 `lgs`, 1 `default`), then for every tick 37 `f32`:
 //!
 //! | count | what                                                         |
 //! |-------|--------------------------------------------------------------|
@@ -12,7 +12,7 @@
 //! | 2     | setpoint heading and heading rate, rad and rad/s             |
 //! | 4     | rotor thrusts computed by the host, N                        |
 use control_core::frames::{Attitude, Vec3};
-use control_core::{Input, Setpoint};
+use control_core::{Airframe, Config, Input, Law, RotorsConfig, Setpoint};
 
 /// Where QEMU's loader puts the record: the PSRAM of mps2-an386.
 const ADDRESS: usize = 0x2100_0000;
@@ -28,24 +28,38 @@ const TICKS_MAX: usize = (BYTES_MAX - size_of::<Header>()) / size_of::<Tick>();
 struct Header {
     magic: [u8; 8],
     ticks: u32,
-    reserved: u32,
+    controller: u32,
+}
+
+/// A recorded flight.
+pub(crate) struct Record {
+    /// What the controller was made from.
+    pub(crate) config: Config,
+    pub(crate) ticks: &'static [Tick],
 }
 
 /// One tick, as it lies in memory.
 #[repr(transparent)]
 pub(crate) struct Tick([f32; NUMBERS]);
 
-/// The ticks in PSRAM; `None` if no record was loaded.
-pub(crate) fn ticks() -> Option<&'static [Tick]> {
+/// The flight in PSRAM; `None` if no record was loaded.
+pub(crate) fn flight() -> Option<Record> {
     // SAFETY: the PSRAM is always mapped, aligned, initialised by QEMU and never written; any bits are a header.
     let header = unsafe { &*(ADDRESS as *const Header) };
     let count = usize::try_from(header.ticks).ok()?;
-    if header.magic != MAGIC || header.reserved != 0 || count > TICKS_MAX {
+    if header.magic != MAGIC || count > TICKS_MAX {
         return None;
+    }
+    let mut config = Config::flight(Law::Lgs, Airframe::paper(2.2));
+    match header.controller {
+        0 => {}
+        1 => config.rotors = Some(RotorsConfig::ESTIMATED),
+        _ => return None,
     }
     let first = (ADDRESS + size_of::<Header>()) as *const Tick;
     // SAFETY: as above; `count` ticks end within the PSRAM, and any bits are an `f32`.
-    Some(unsafe { core::slice::from_raw_parts(first, count) })
+    let ticks = unsafe { core::slice::from_raw_parts(first, count) };
+    Some(Record { config, ticks })
 }
 
 impl Tick {

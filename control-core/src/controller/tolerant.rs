@@ -31,14 +31,14 @@ impl<S: Scalar> Controller<S> {
         let rate = input.rate_rad_s;
         let coupling = self.coupling.torque_nm(rate);
         let force_m_s2 = input.specific_force_m_s2.z;
-        let residual =
-            rotors.observe(&mut state.rotors, &state.output.thrust_n, rate, coupling, force_m_s2, dt_s);
+        let residual = rotors.observe(&mut state.rotors, &state.output.thrust_n, rate, coupling, force_m_s2, dt_s);
         let demand = match (&rotors.spin, rotors.next_spinning(&state.rotors, rate.z)) {
             (Some(spin), Some(mut spinning)) => {
                 let up_n = self.altitude(state, errors, dt_s);
                 spinning.feel_wind(input, &residual, dt_s);
                 state.rotors.spinning = Some(spinning);
-                let (pointing, thrust_n) = spin.aim(&spinning, errors.position_m, errors.velocity_m_s, up_n, &input.attitude);
+                let (pointing, thrust_n) =
+                    spin.aim(&spinning, errors.position_m, errors.velocity_m_s, up_n, &input.attitude);
                 let tilting_rad_s2 = rotors.tilting_rad_s2(&state.rotors);
                 let [roll_nm, pitch_nm] = spin.torque_nm(&spinning, &SpinInput { tilting_rad_s2, pointing, rate });
                 Demand { thrust_n, roll_nm, pitch_nm, yaw_nm: self.brake_nm(rate.z) }

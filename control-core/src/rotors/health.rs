@@ -178,14 +178,8 @@ impl<S: Scalar> Health<S> {
         filter_hz: f32,
         control_hz: f32,
     ) -> Result<Self, ConfigError> {
-        let DetectorConfig {
-            loss,
-            alarm_nats,
-            gyro_noise_rad_s,
-            accelerometer_noise_m_s2,
-            torque_rms_nm,
-            force_rms_n,
-        } = *config;
+        let DetectorConfig { loss, alarm_nats, gyro_noise_rad_s, accelerometer_noise_m_s2, torque_rms_nm, force_rms_n } =
+            *config;
         for (field, value) in [
             ("loss", loss),
             ("alarm_nats", alarm_nats),
