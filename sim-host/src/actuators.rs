@@ -299,3 +299,178 @@ fn delay_s_max(kind: FaultKind) -> f64 {
         _ => 0.0,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fault::{Profile, PulseTrain, Recurrence, Rotors};
+    use crate::vehicle::{AirframeName, VehicleKeys};
+
+    const DT_S: f64 = 0.002;
+    const ONE: Rotors = Rotors::new([true, false, false, false]);
+
+    fn fault(kind: FaultKind, rotors: Rotors) -> Fault {
+        Fault { kind, rotors, from_s: 0.1, until_s: 0.9, profile: Profile::Step, reported: false }
+    }
+
+    fn actuators(faults: &[Fault]) -> Actuators {
+        let vehicle = Vehicle::new(AirframeName::Paper, &VehicleKeys::default());
+        Actuators::new(&vehicle, faults, DT_S, Pcg64::seed_from_u64(1))
+    }
+
+    /// Drives of every tick of a second, the command of tick i being i N for rotor 1, the rotors at `rotor_n`.
+    fn drives(faults: &[Fault], rotor_n: f64) -> Vec<[Drive; 4]> {
+        let mut actuators = actuators(faults);
+        let tick = |i: u32| {
+            actuators.advance(f64::from(i) * DT_S, &[rotor_n; 4]);
+            actuators.drive([f64::from(i), 0.1, 0.2, 0.3])
+        };
+        (0..500).map(tick).collect()
+    }
+
+    #[test]
+    fn healthy_rotors_get_their_commands_as_they_are() {
+        for (i, drives) in drives(&[], 1.0).iter().enumerate() {
+            let drive = |command_n| Drive { command_n, lag_s: 0.02, rate_n_s_max: f64::INFINITY, share: 1.0 };
+            assert_eq!(*drives, [i as f64, 0.1, 0.2, 0.3].map(drive));
+        }
+    }
+
+    #[test]
+    fn faults_take_commands_over_while_they_last() {
+        let full_n = Vehicle::new(AirframeName::Paper, &VehicleKeys::default()).thrust_n_max();
+        for (kind, want_n) in [
+            (FaultKind::Stopped, 0.0),
+            (FaultKind::Floating { spin_down_s: 0.2 }, 0.0),
+            (FaultKind::HardOver, full_n),
+            (FaultKind::Stuck { thrust_n: None }, 1.5),
+            (FaultKind::Stuck { thrust_n: Some(0.7) }, 0.7),
+        ] {
+            let drives = drives(&[fault(kind, ONE)], 1.5);
+            for (i, drives) in drives.iter().enumerate() {
+                let active = (50..450).contains(&i);
+                assert_eq!(drives[0].command_n, if active { want_n } else { i as f64 }, "{kind:?} at {i}");
+                assert_eq!(drives[1].command_n, 0.1, "other rotors are left alone");
+            }
+        }
+        assert_eq!(drives(&[fault(FaultKind::Floating { spin_down_s: 0.2 }, ONE)], 1.5)[100][0].lag_s, 0.2);
+    }
+
+    #[test]
+    fn a_rotor_keeps_the_thrust_at_which_it_gets_stuck_each_time() {
+        let pulse = Profile::PulseTrain(PulseTrain { period_s: 0.4, duty: 0.5 });
+        let stuck = Fault { profile: pulse, ..fault(FaultKind::Stuck { thrust_n: None }, ONE) };
+        let mut actuators = actuators(&[stuck]);
+        let mut command_n = |t_s: f64, rotor_n: f64| {
+            actuators.advance(t_s, &[rotor_n; 4]);
+            actuators.drive([9.0; 4])[0].command_n
+        };
+        assert_eq!([command_n(0.1, 1.0), command_n(0.2, 2.0), command_n(0.35, 3.0)], [1.0, 1.0, 9.0]);
+        assert_eq!(command_n(0.55, 4.0), 4.0);
+    }
+
+    #[test]
+    fn shares_follow_loss_damage_sag_and_reversal() {
+        let loss = fault(FaultKind::LossOfEffectiveness { loss: 0.4 }, ONE);
+        let damage = fault(FaultKind::PropellerDamage { loss: 0.5, unbalance_kg_m: 0.0 }, ONE);
+        let sag = fault(FaultKind::BatterySag { sag: 0.2 }, Rotors::ALL);
+        let reversed = fault(FaultKind::Reversed { share: 0.5 }, ONE);
+        let half_n = Vehicle::new(AirframeName::Paper, &VehicleKeys::default()).thrust_n_max() / 2.0;
+        for (why, faults, want) in [
+            ("faults on one rotor multiply", &[loss, damage][..], [0.3, 1.0, 1.0, 1.0]),
+            ("thrust falls with the square of a voltage that falls with load", &[sag], [0.81; 4]),
+            ("a reversed rotor thrusts downwards", &[reversed, loss], [-0.3, 1.0, 1.0, 1.0]),
+        ] {
+            let shares = actuators(faults).advance(0.5, &[half_n; 4]);
+            for (share, want) in shares.iter().zip(want) {
+                assert!((share - want).abs() < 1e-12, "{why}: {shares:?}");
+            }
+        }
+        assert_eq!(actuators(&[loss, sag]).advance(0.95, &[half_n; 4]), [1.0; 4]);
+    }
+
+    #[test]
+    fn late_commands_arrive_in_order_and_none_is_taken_back() {
+        let delayed = drives(&[fault(FaultKind::CommandDelay { delay_s: 0.02 }, ONE)], 1.0);
+        let arrived = |i: usize| delayed[i][0].command_n;
+        assert_eq!([arrived(49), arrived(50), arrived(58)], [49.0; 3], "the line falls behind");
+        assert_eq!([arrived(60), arrived(300), arrived(449)], [50.0, 290.0, 439.0]);
+        assert_eq!(arrived(450), 450.0, "it is repaired");
+
+        let jittered = drives(&[fault(FaultKind::CommandJitter { delay_s_max: 0.02 }, ONE)], 1.0);
+        let ages: Vec<_> = (60..450).map(|i| i as f64 - jittered[i][0].command_n).collect();
+        assert!(ages.iter().all(|age| (0.0..=10.0).contains(age)));
+        assert!(ages.iter().any(|&age| age >= 5.0) && ages.contains(&0.0), "{ages:?}");
+        assert!(jittered.windows(2).all(|pair| pair[0][0].command_n <= pair[1][0].command_n));
+    }
+
+    #[test]
+    fn a_slow_motor_has_more_lag_and_a_rate_limit() {
+        let slow = FaultKind::SlowMotor { lag_factor: 3.0, rate_n_s_max: Some(5.0) };
+        let at = |i: usize| drives(&[fault(slow, ONE)], 1.0)[i][0];
+        assert!((at(100).lag_s - 0.06).abs() < 1e-12);
+        assert_eq!((at(100).rate_n_s_max, at(460).rate_n_s_max, at(460).lag_s), (5.0, f64::INFINITY, 0.02));
+    }
+
+    #[test]
+    fn desync_drops_out_and_restarts_by_a_ramp() {
+        let recurrence = Recurrence::Period { period_s: 0.4 };
+        let desync = fault(FaultKind::EscDesync { dropout_s: 0.1, restart_s: 0.2, recurrence }, ONE);
+        let drives = drives(&[desync], 1.0);
+        let share = |t_s: f64| {
+            let i = (t_s / DT_S).round() as usize;
+            drives[i][0].command_n / i as f64
+        };
+        assert_eq!([share(0.05), share(0.11), share(0.19)], [1.0, 0.0, 0.0]);
+        assert!((share(0.3) - 0.5).abs() < 0.02, "{}", share(0.3));
+        assert_eq!([share(0.42), share(0.55), share(0.95)], [1.0, 0.0, 1.0]);
+    }
+
+    #[test]
+    fn swapped_rotors_get_each_others_commands() {
+        let pair = Rotors::new([false, true, false, true]);
+        let swapped = Fault { from_s: 0.0, ..fault(FaultKind::Swapped, pair) };
+        let commands = drives(&[swapped], 1.0)[10].map(|drive| drive.command_n);
+        assert_eq!(commands, [10.0, 0.3, 0.2, 0.1]);
+    }
+
+    #[test]
+    fn a_damaged_propeller_shakes_the_sensors_once_a_revolution() {
+        let damage = fault(FaultKind::PropellerDamage { loss: 0.0, unbalance_kg_m: 1e-4 }, ONE);
+        let mut actuators = actuators(&[damage]);
+        // 202 rad/s, 32 Hz.
+        let rotor_n = 1.275;
+        let speed_rad_s = libm::sqrt(rotor_n / 3.13e-5);
+        let mut crossings = 0;
+        let (mut last, mut largest): (f64, f64) = (0.0, 0.0);
+        for i in 0..500 {
+            actuators.advance(f64::from(i) * DT_S, &[rotor_n; 4]);
+            let felt = actuators.vibration();
+            let active = (50..450).contains(&i);
+            assert_eq!(felt == &Vibration::default(), !active, "tick {i}");
+            if last < 0.0 && felt.specific_force_m_s2.x >= 0.0 && active {
+                crossings += 1;
+            }
+            last = felt.specific_force_m_s2.x;
+            largest = largest.max(felt.specific_force_m_s2.norm());
+            let arms_m = felt.rate_rad_s.norm() / libm::hypot(0.232, ROTOR_HEIGHT_M);
+            assert!(arms_m <= 1e-4 * speed_rad_s / 0.0279, "the gyro feels the same force by its arm");
+        }
+        assert!((largest - 1e-4 * speed_rad_s * speed_rad_s / 0.52).abs() < 1e-9, "{largest}");
+        let revolutions = 0.8 * speed_rad_s / std::f64::consts::TAU;
+        assert!((f64::from(crossings) - revolutions).abs() <= 1.0, "{crossings} of {revolutions}");
+    }
+
+    #[test]
+    fn the_reported_are_told_and_the_silent_are_not() {
+        let loss = Fault { reported: true, ..fault(FaultKind::LossOfEffectiveness { loss: 0.4 }, ONE) };
+        let stuck = fault(FaultKind::Stuck { thrust_n: None }, Rotors::new([false, true, false, false]));
+        let stopped = Fault { reported: true, ..fault(FaultKind::Stopped, Rotors::new([false, false, true, false])) };
+        let mut actuators = actuators(&[loss, stuck, stopped]);
+        actuators.advance(0.05, &[1.0; 4]);
+        assert_eq!(actuators.told(), Told { reported: [None; 4], truth: [1.0; 4] });
+        actuators.advance(0.5, &[1.0; 4]);
+        let told = Told { reported: [Some(0.6), None, Some(0.0), None], truth: [0.6, 0.0, 0.0, 1.0] };
+        assert_eq!(actuators.told(), told);
+    }
+}

@@ -1,5 +1,5 @@
 //! The range of every parameter of a fault, and what of it cannot be together.
-use super::{Fault, FaultKind, FaultName, Intermittent, Profile, PulseTrain, Ramp, Recurrence, Sine};
+use super::{Fault, FaultKind, FaultName, Intermittent, Profile, PulseTrain, Ramp, Recurrence, Rotors, Sine};
 use core::fmt;
 
 /// Latest end of a fault: two hours, s.
@@ -23,6 +23,8 @@ pub enum FaultValue {
     Number(f64),
     /// A word.
     Word(&'static str),
+    /// A list of rotors.
+    Rotors(Rotors),
 }
 
 /// What a value must be.
@@ -34,10 +36,10 @@ pub enum Allowed {
     GivenWith(FaultName),
     /// Left out.
     LeftOutWith(FaultName),
-    /// What the words say, which is of this kind.
-    Words(FaultName, &'static str),
+    /// What the first words say with this kind, because of the second.
+    With(&'static str, FaultName, &'static str),
     /// What the words say.
-    Any(&'static str),
+    Words(&'static str),
 }
 
 impl fmt::Display for FaultValue {
@@ -45,6 +47,7 @@ impl fmt::Display for FaultValue {
         match self {
             Self::Number(value) => write!(f, "{value}"),
             Self::Word(word) => f.write_str(word),
+            Self::Rotors(rotors) => f.debug_list().entries(rotors.numbers()).finish(),
         }
     }
 }
@@ -55,8 +58,8 @@ impl fmt::Display for Allowed {
             Self::Range(low, high) => write!(f, "a number from {low} to {high}"),
             Self::GivenWith(name) => write!(f, "given with the kind `{name}`"),
             Self::LeftOutWith(name) => write!(f, "left out with the kind `{name}`"),
-            Self::Words(name, words) => write!(f, "{words} with the kind `{name}`"),
-            Self::Any(words) => f.write_str(words),
+            Self::With(words, name, why) => write!(f, "{words} with the kind `{name}`, {why}"),
+            Self::Words(words) => f.write_str(words),
         }
     }
 }
@@ -81,8 +84,8 @@ fn range(key: &'static str, value: f64, low: f64, high: f64) -> Check {
 }
 
 /// Refuses what is not so.
-fn must(so: bool, key: &'static str, value: &'static str, allowed: Allowed) -> Check {
-    if so { Ok(()) } else { Err(FaultError { key, value: FaultValue::Word(value), allowed }) }
+fn must(so: bool, key: &'static str, value: FaultValue, allowed: Allowed) -> Check {
+    if so { Ok(()) } else { Err(FaultError { key, value, allowed }) }
 }
 
 impl Fault {
@@ -96,32 +99,25 @@ impl Fault {
         range("from_s", self.from_s, 0.0, FAULT_S_MAX)?;
         range("until_s", self.until_s, self.from_s, FAULT_S_MAX)?;
         self.profile.check()?;
-        let (name, shape) = (self.kind.name(), self.profile.name());
-        let shapes = "step, pulse_train or intermittent, being there or not,";
+        let (name, shape) = (self.kind.name(), FaultValue::Word(self.profile.name()));
         let fits = self.kind.is_graded() || !self.profile.is_gradual();
-        must(fits, "profile", shape, Allowed::Words(name, shapes))?;
+        let whole = Allowed::With("step, pulse_train or intermittent", name, "which is there or not");
+        must(fits, "profile", shape, whole)?;
         let lasts = self.kind != FaultKind::Swapped || self.profile == Profile::Step;
-        must(lasts, "profile", shape, Allowed::Words(name, "step, being wiring,"))?;
+        must(lasts, "profile", shape, Allowed::With("step", name, "which is wiring"))?;
         let tells = !self.reported || self.kind.concerns_share();
-        must(tells, "reported", "true", Allowed::Words(name, "false, as no share of thrust is lost,"))
+        let nothing = Allowed::With("false", name, "which takes no share of the thrust");
+        must(tells, "reported", FaultValue::Word("true"), nothing)
     }
 
     fn check_rotors(&self) -> Check {
-        let count = self.rotors.count();
-        must(count > 0, "rotors", "[]", Allowed::Any("a list of one or more of the rotors 1 to 4"))?;
-        let name = self.kind.name();
-        match self.kind {
-            FaultKind::BatterySag { .. } => {
-                let all = Allowed::Words(name, "[1, 2, 3, 4], which share the battery,");
-                must(count == 4, "rotors", "some", all)
-            }
-            FaultKind::Swapped => {
-                let two = Allowed::Words(name, "exactly two rotors");
-                let found = if count == 1 { "one rotor" } else { "more than two rotors" };
-                must(count == 2, "rotors", found, two)
-            }
-            _ => Ok(()),
-        }
+        let (count, name) = (self.rotors.count(), self.kind.name());
+        let (enough, allowed) = match self.kind {
+            FaultKind::BatterySag { .. } => (count == 4, Allowed::With("[1, 2, 3, 4]", name, "which is of all rotors")),
+            FaultKind::Swapped => (count == 2, Allowed::With("a list of two rotors", name, "which exchanges them")),
+            _ => (count > 0, Allowed::Words("a list of at least one of the rotors 1 to 4")),
+        };
+        must(enough, "rotors", FaultValue::Rotors(self.rotors), allowed)
     }
 }
 
@@ -178,7 +174,6 @@ impl Profile {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Rotors;
     use super::*;
     use std::string::ToString;
 
@@ -221,8 +216,8 @@ mod tests {
         };
         let pair = Rotors::new([true, true, false, false]);
         for (fault, says) in [
-            (fault(sag, ONE), "rotors = some: must be [1, 2, 3, 4]"),
-            (fault(FaultKind::Swapped, ONE), "rotors = one rotor: must be exactly two rotors"),
+            (fault(sag, ONE), "rotors = [1]: must be [1, 2, 3, 4] with the kind `battery_sag`"),
+            (fault(FaultKind::Swapped, ONE), "rotors = [1]: must be a list of two rotors"),
             (fault(FaultKind::Stopped, Rotors::default()), "rotors = []"),
             (Fault { profile: ramp, ..fault(FaultKind::Stopped, ONE) }, "profile = ramp: must be step, pulse_train or"),
             (Fault { profile: pulse, ..fault(FaultKind::Swapped, pair) }, "profile = pulse_train: must be step"),

@@ -160,3 +160,66 @@ impl Plant for RigidPlant {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::actuators::Drive;
+    use crate::vehicle::{AirframeName, VehicleKeys};
+    use crate::wind::Gust;
+
+    fn plant(motor_lag_s: f64) -> (Vehicle, RigidPlant) {
+        let keys = VehicleKeys { motor_lag_s, ..VehicleKeys::default() };
+        let vehicle = Vehicle::new(AirframeName::Paper, &keys);
+        let plant = RigidPlant::hovering(&vehicle, Ground { altitude_m: None }, 0.0);
+        (vehicle, plant)
+    }
+
+    fn driven(first: Drive) -> Actuation {
+        let other = Drive { command_n: 1.0, lag_s: 0.02, rate_n_s_max: f64::INFINITY, share: 1.0 };
+        Actuation { drives: [first, other, other, other], gust: Gust::default() }
+    }
+
+    #[test]
+    fn a_rotor_changes_no_faster_than_its_rate() {
+        for lag_s in [0.0, 0.02] {
+            let (vehicle, mut plant) = plant(lag_s);
+            let actuation = driven(Drive { command_n: 2.0, lag_s, rate_n_s_max: 1.5, share: 1.0 });
+            let before = plant.rotor_n(&actuation)[0];
+            for _ in 0..100 {
+                plant.advance(&actuation, 0.002, 2);
+            }
+            let change_n = plant.rotor_n(&actuation)[0] - before;
+            assert!((change_n - 1.5 * 0.2).abs() < 1e-9, "{change_n} with a lag of {lag_s} s");
+            assert!(vehicle.thrust_n_max() > 2.0);
+        }
+    }
+
+    #[test]
+    fn a_reversed_rotor_pushes_down_and_turns_the_other_way() {
+        let (_, plant) = plant(0.02);
+        let truth = |share| {
+            let actuation = driven(Drive { command_n: 1.0, lag_s: 0.02, rate_n_s_max: f64::INFINITY, share });
+            (plant.truth(&actuation).thrust_n[0], plant.accelerations(&plant.state, &actuation).angular_rad_s2)
+        };
+        let ((up_n, straight), (down_n, reversed), (_, none)) = (truth(1.0), truth(-0.5), truth(0.0));
+        assert!((down_n + 0.5 * up_n).abs() < 1e-12);
+        for axis in [0, 2] {
+            let (with, against) = (straight[axis] - none[axis], reversed[axis] - none[axis]);
+            assert!(with != 0.0 && (against + 0.5 * with).abs() < 1e-9, "about axis {axis}");
+        }
+        let momentum = |first_n| plant.rotor_momentum(&[first_n, 0.0, 0.0, 0.0]);
+        assert!(momentum(-1.0) == -momentum(1.0) && momentum(1.0) < 0.0);
+    }
+
+    #[test]
+    fn torque_of_the_air_turns_the_body() {
+        let (vehicle, plant) = plant(0.02);
+        let mut actuation = driven(Drive { command_n: 1.0, lag_s: 0.02, rate_n_s_max: f64::INFINITY, share: 1.0 });
+        let still = plant.accelerations(&plant.state, &actuation).angular_rad_s2;
+        actuation.gust.torque_nm = Vector3::new(0.01, 0.0, -0.02);
+        let turned = plant.accelerations(&plant.state, &actuation).angular_rad_s2 - still;
+        assert!((turned.x - 0.01 / vehicle.inertia_kg_m2[0]).abs() < 1e-12);
+        assert!((turned.z + 0.02 / vehicle.inertia_kg_m2[2]).abs() < 1e-12);
+    }
+}
