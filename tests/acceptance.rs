@@ -3,6 +3,7 @@
 //! Bounds of the robust law hold for any seed; two far-apart bases are flown here.
 use control_core::law::{GAIN_RATIO_MAX, GAIN_RATIO_MIN};
 use sim_host::controllers::ControllerName::{Indi, Lgs, LgsIndi, Lqi, Pid, PidOpt, Raw};
+use sim_host::fault::Rotors;
 use sim_host::flight::{NumberFormat, Sample};
 use sim_host::sensors::Noise;
 use system_tests::{fly, metric, shipped, trace};
@@ -171,10 +172,10 @@ fn number_formats_fly_the_same_flight() {
 
 #[test]
 fn any_failing_rotor_gives_the_same_altitude() {
-    let altitudes = |rotor: i64| {
+    let altitudes = |rotor: usize| {
         let mut scenario = shipped("single_rotor_40");
         scenario.noise = Noise::default();
-        scenario.fault[0].rotors = vec![rotor];
+        scenario.fault[0].rotors = Rotors::new(std::array::from_fn(|i| i + 1 == rotor));
         trace(&scenario, Lgs, NumberFormat::F32, |x: &Sample| [x.truth.altitude_m(); 3])
     };
     let first = altitudes(1);

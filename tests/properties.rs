@@ -4,7 +4,7 @@ use control_core::law::{GAIN_RATIO_MAX, GAIN_RATIO_MIN};
 use control_core::{Airframe, Allocator, Config, Controller, Demand, Input, Law, Q16, Scalar};
 use proptest::prelude::*;
 use sim_host::controllers::ControllerName;
-use sim_host::fault::{Fault, FaultKind, Profile, PulseTrain, Ramp, Sine};
+use sim_host::fault::{Fault, FaultKind, Profile, PulseTrain, Ramp, Rotors, Sine};
 use sim_host::flight::{Flight, NumberFormat};
 use system_tests::shipped;
 
@@ -186,15 +186,15 @@ fn profiles() -> impl Strategy<Value = Profile> {
 }
 
 fn faults() -> impl Strategy<Value = Fault> {
-    let rotors = prop::sample::subsequence(vec![1_i64, 2, 3, 4], 1..=4);
-    (rotors, 0.0_f64..0.5, 2.0_f64..15.0, 0.5_f64..10.0, profiles()).prop_map(
+    let some = any::<[bool; 4]>().prop_map(Rotors::new).prop_filter("a rotor", |rotors| !rotors.is_empty());
+    (some, 0.0_f64..0.5, 2.0_f64..15.0, 0.5_f64..10.0, profiles()).prop_map(
         |(rotors, loss, from_s, lasts_s, profile)| Fault {
-            kind: FaultKind::LossOfEffectiveness,
+            kind: FaultKind::LossOfEffectiveness { loss },
             rotors,
-            loss,
             from_s,
             until_s: from_s + lasts_s,
             profile,
+            reported: false,
         },
     )
 }

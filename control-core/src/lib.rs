@@ -22,7 +22,7 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
-#[cfg(test)]
+#[cfg(any(test, feature = "schema"))]
 extern crate std;
 
 mod airframe;
@@ -30,6 +30,7 @@ mod allocation;
 mod attitude;
 mod config;
 mod controller;
+pub mod fault;
 mod filter;
 pub mod frames;
 mod guidance;

@@ -1,5 +1,6 @@
 //! The command line.
 use crate::controllers::ControllerName;
+use crate::fault::Rotors;
 use crate::figures::{FIGURES, Figure, Trace, png, svg};
 use crate::flight::{Flight, NumberFormat, Sample};
 use crate::limits::{CASES, Heading, loss_max};
@@ -229,10 +230,11 @@ fn fly(args: &FlyArgs) -> Result<(), Failure> {
 
 /// The metrics of one flight, a line each.
 fn summary(flown: &Flown) -> String {
-    let end = flown.crash.map_or_else(
-        || "flew to the end".to_owned(),
-        |crash| format!("crashed at {:.3} s: {}", crash.t_s, crash.cause),
-    );
+    let end = match (flown.crash, flown.landing) {
+        (Some(crash), _) => crash.to_string(),
+        (None, Some(landing)) => landing.to_string(),
+        (None, None) => "flew to the end".to_owned(),
+    };
     METRICS
         .iter()
         .filter_map(|metric| Some((metric, (metric.of)(&flown.metrics)?)))
@@ -328,7 +330,7 @@ fn limits(args: &LimitsArgs) -> Result<(), Failure> {
     }
     let keys = VehicleKeys { thrust_to_weight, ..VehicleKeys::default() };
     let vehicle = Vehicle::new(args.airframe, &keys);
-    let line = |(name, failing, heading): (&str, &[i64], Heading)| {
+    let line = |(name, failing, heading): (&str, Rotors, Heading)| {
         let limit = loss_max(&vehicle, failing, heading);
         format!("{name:<30} {}", limit.map_or("cannot hover".to_owned(), |loss| format!("{:5.1} %", 100.0 * loss)))
     };

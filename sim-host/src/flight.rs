@@ -1,6 +1,6 @@
 //! One flight: plant, sensors, controller and faults in lock-step.
+use crate::actuators::{Actuators, Told};
 use crate::controllers::ControllerName;
-use crate::fault::effectiveness;
 use crate::ground::Ground;
 use crate::plant::{Actuation, Truth};
 use crate::reference::Target;
@@ -58,6 +58,8 @@ pub struct Sample<'a> {
     pub telemetry: &'a Telemetry,
     /// Share of its thrust each rotor still makes.
     pub effectiveness: &'a [f64; 4],
+    /// What the controller was told of the faults, and what an oracle would be.
+    pub told: &'a Told,
 }
 
 impl Sample<'_> {
@@ -86,8 +88,8 @@ pub enum Cause {
     Tilt,
     /// Farther than [`DISTANCE_M_MAX`] from the setpoint.
     Distance,
-    /// Met the ground faster than [`IMPACT_M_S_MAX`].
-    Ground,
+    /// Met the ground too fast, or beyond [`UPRIGHT_RAD_MAX`].
+    Ground(Touchdown),
     /// A state that is not a finite number.
     NotFinite,
 }
@@ -96,17 +98,32 @@ pub enum Cause {
 pub const TILT_RAD_MAX: f64 = 1.4;
 /// Distance from the setpoint that is a crash, m.
 pub const DISTANCE_M_MAX: f64 = 30.0;
-/// Vertical speed at ground contact that is a crash, m/s.
-pub const IMPACT_M_S_MAX: f64 = 2.0;
+/// Tilt at ground contact that is a crash once a fault has begun, rad.
+pub const UPRIGHT_RAD_MAX: f64 = std::f64::consts::FRAC_PI_4;
 
 impl fmt::Display for Cause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Tilt => write!(f, "tilted beyond {TILT_RAD_MAX} rad"),
             Self::Distance => write!(f, "strayed more than {DISTANCE_M_MAX} m from the setpoint"),
-            Self::Ground => write!(f, "hit the ground faster than {IMPACT_M_S_MAX} m/s"),
+            Self::Ground(touchdown) => write!(f, "hit the ground {touchdown}"),
             Self::NotFinite => f.write_str("reached a state that is not a finite number"),
         }
+    }
+}
+
+/// How the ground was met.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Touchdown {
+    /// Vertical speed, m/s.
+    pub speed_m_s: f64,
+    /// Angle of the rotors' axis to the vertical, rad.
+    pub tilt_rad: f64,
+}
+
+impl fmt::Display for Touchdown {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "at {:.2} m/s, tilted by {:.2} rad", self.speed_m_s, self.tilt_rad)
     }
 }
 
@@ -119,11 +136,43 @@ pub struct Crash {
     pub cause: Cause,
 }
 
+impl fmt::Display for Crash {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "crashed at {:.3} s: {}", self.t_s, self.cause)
+    }
+}
+
+/// A flight that a fault brought down in one piece.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Landing {
+    /// When, s.
+    pub t_s: f64,
+    /// How.
+    pub touchdown: Touchdown,
+}
+
+impl fmt::Display for Landing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "came down at {:.3} s: {}", self.t_s, self.touchdown)
+    }
+}
+
+/// How a flight ended before its time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Ending {
+    /// It is broken.
+    Crashed(Crash),
+    /// It is on the ground, upright and whole: once a fault has begun, meeting the ground ends a flight.
+    CameDown(Landing),
+}
+
 /// Streams of random numbers that never mix: more draws of one leave the others as they were.
 #[derive(Clone, Copy)]
 enum Stream {
     Noise = 1,
     Wind = 2,
+    Fault = 3,
+    Torque = 4,
 }
 
 fn random(seed: u64, stream: Stream) -> Pcg64 {
@@ -135,11 +184,11 @@ fn random(seed: u64, stream: Stream) -> Pcg64 {
 }
 
 impl Flight<'_> {
-    /// Flies; `observe` sees every tick. Returns the crash, if there was one; the flight ends with it.
+    /// Flies; `observe` sees every tick. Returns how the flight ended, if before its time.
     ///
     /// # Errors
     /// [`ConfigError`] if the controller refuses its configuration.
-    pub fn fly(&self, observe: &mut dyn FnMut(&Sample)) -> Result<Option<Crash>, ConfigError> {
+    pub fn fly(&self, observe: &mut dyn FnMut(&Sample)) -> Result<Option<Ending>, ConfigError> {
         match self.format {
             NumberFormat::F32 => self.fly_in::<f32>(observe),
             NumberFormat::F64 => self.fly_in::<f64>(observe),
@@ -147,7 +196,7 @@ impl Flight<'_> {
         }
     }
 
-    fn fly_in<S: Scalar>(&self, observe: &mut dyn FnMut(&Sample)) -> Result<Option<Crash>, ConfigError> {
+    fn fly_in<S: Scalar>(&self, observe: &mut dyn FnMut(&Sample)) -> Result<Option<Ending>, ConfigError> {
         let scenario = self.scenario;
         let vehicle = scenario.vehicle();
         let controller = Controller::<S>::try_new(&self.controller.config(scenario))?;
@@ -155,21 +204,24 @@ impl Flight<'_> {
         let ground = Ground { altitude_m: scenario.ground_altitude_m };
         let mut plant = scenario.plant.hovering(&vehicle, ground, scenario.reference.start_altitude_m());
         let mut sensors = Sensors::new(scenario.noise, random(self.seed, Stream::Noise));
-        let mut gusts = Gusts::new(scenario.wind, random(self.seed, Stream::Wind));
-
+        let torques = random(self.seed, Stream::Torque);
+        let mut gusts = Gusts::new(scenario.wind, random(self.seed, Stream::Wind), torques);
         let dt_s = 1.0 / scenario.control_hz();
-        let hover_n = f64::from(vehicle.airframe().weight_n()) / 4.0;
-        let mut actuation = Actuation { command_n: [hover_n; 4], effectiveness: [1.0; 4], gust: gusts.step(dt_s) };
+        let mut actuators = Actuators::new(&vehicle, &scenario.fault, dt_s, random(self.seed, Stream::Fault));
+        let mut actuation = Actuation { drives: actuators.hovering(), gust: gusts.step(dt_s) };
         let ticks = (scenario.duration_s * scenario.control_hz()).round() as usize;
         for tick in 0..ticks {
             let t_s = tick as f64 * dt_s;
             let target = scenario.reference.target(t_s);
-            actuation.effectiveness = effectiveness(&scenario.fault, t_s);
-            let truth = plant.truth(&actuation);
-            let input = sensors.sample(&truth, &target, dt_s);
-            if self.controller == ControllerName::Oracle {
-                controller.report(&mut state, actuation.effectiveness.map(|share| Some(S::from_f32(share as f32))));
+            let effectiveness = actuators.advance(t_s, &plant.rotor_n(&actuation));
+            for (drive, share) in actuation.drives.iter_mut().zip(effectiveness) {
+                drive.share = share;
             }
+            let truth = plant.truth(&actuation);
+            let input = sensors.sample(&truth, actuators.vibration(), &target, dt_s);
+            let told = actuators.told();
+            let shares = if self.controller == ControllerName::Oracle { told.truth.map(Some) } else { told.reported };
+            controller.report(&mut state, shares.map(|share| share.map(|share| S::from_f32(share as f32))));
             let output = controller.tick(&mut state, &input.cast()).to_f32();
             let telemetry = controller.telemetry(&state).to_f32();
             let command_n = output.thrust_n.map(f64::from);
@@ -183,33 +235,41 @@ impl Flight<'_> {
                 input: &input,
                 output: &output,
                 telemetry: &telemetry,
-                effectiveness: &actuation.effectiveness,
+                effectiveness: &effectiveness,
+                told: &told,
             });
-            if let Some(cause) = crash(&truth, &target) {
-                return Ok(Some(Crash { t_s, cause }));
+            if let Some(ending) = self.ending(t_s, &truth, &target) {
+                return Ok(Some(ending));
             }
-            actuation.command_n = command_n;
+            actuation.drives = actuators.drive(command_n);
             plant.advance(&actuation, dt_s, scenario.plant_steps);
             actuation.gust = gusts.step(dt_s);
         }
         Ok(None)
     }
-}
 
-/// Whether this is the end of a flight.
-fn crash(truth: &Truth, target: &Target) -> Option<Cause> {
-    let [north, east, up] = target.position_m;
-    let away = truth.position_m - nalgebra::vector![north, east, -up];
-    let [roll, pitch, _] = truth.angles_rad();
-    if !(away.norm() + truth.velocity_m_s.norm() + truth.rate_rad_s.norm()).is_finite() {
-        Some(Cause::NotFinite)
-    } else if truth.impact_m_s > IMPACT_M_S_MAX {
-        Some(Cause::Ground)
-    } else if roll.abs().max(pitch.abs()) > TILT_RAD_MAX {
-        Some(Cause::Tilt)
-    } else if away.norm() > DISTANCE_M_MAX {
-        Some(Cause::Distance)
-    } else {
-        None
+    /// Whether this is the end of the flight.
+    fn ending(&self, t_s: f64, truth: &Truth, target: &Target) -> Option<Ending> {
+        let [north, east, up] = target.position_m;
+        let away = truth.position_m - nalgebra::vector![north, east, -up];
+        let [roll, pitch, _] = truth.angles_rad();
+        let touchdown = Touchdown { speed_m_s: truth.impact_m_s, tilt_rad: truth.tilt_rad() };
+        let fast = touchdown.speed_m_s > self.scenario.airframe.impact_m_s_max();
+        let faulty = self.scenario.fault.iter().any(|fault| fault.from_s <= t_s);
+        let down = truth.touching && faulty;
+        let cause = if !(away.norm() + truth.velocity_m_s.norm() + truth.rate_rad_s.norm()).is_finite() {
+            Cause::NotFinite
+        } else if fast || (down && touchdown.tilt_rad > UPRIGHT_RAD_MAX) {
+            Cause::Ground(touchdown)
+        } else if down {
+            return Some(Ending::CameDown(Landing { t_s, touchdown }));
+        } else if roll.abs().max(pitch.abs()) > TILT_RAD_MAX {
+            Cause::Tilt
+        } else if away.norm() > DISTANCE_M_MAX {
+            Cause::Distance
+        } else {
+            return None;
+        };
+        Some(Ending::Crashed(Crash { t_s, cause }))
     }
 }

@@ -7,6 +7,7 @@
 //!
 //! This is statics: the thrusts exist. Whether a controller finds them in time is what flights are for. A machine
 //! that gives heading up and spins can fly beyond it.
+use crate::fault::Rotors;
 use crate::vehicle::Vehicle;
 use control_core::GRAVITY_M_S2;
 use microlp::{ComparisonOp, OptimizationDirection, Problem, SolveOutcome};
@@ -20,14 +21,14 @@ pub enum Heading {
     GivenUp,
 }
 
-/// Largest share of thrust that every rotor of `failing` (1 to 4) may lose in a hover; none if it cannot hover at all.
-pub fn loss_max(vehicle: &Vehicle, failing: &[i64], heading: Heading) -> Option<f64> {
+/// Largest share of thrust that every rotor of `failing` may lose in a hover; none if it cannot hover at all.
+pub fn loss_max(vehicle: &Vehicle, failing: Rotors, heading: Heading) -> Option<f64> {
     let mut problem = Problem::new(OptimizationDirection::Maximize);
     let loss = problem.add_var(1.0, (0.0, 1.0));
     let thrust_n_max = vehicle.thrust_n_max();
     let thrusts: Vec<_> = (0..4).map(|_| problem.add_var(0.0, (0.0, thrust_n_max))).collect();
-    for &rotor in failing {
-        let thrust = *thrusts.get(usize::try_from(rotor - 1).ok()?)?;
+    for rotor in failing.indices() {
+        let thrust = *thrusts.get(rotor)?;
         problem.add_constraint([(thrust, 1.0), (loss, thrust_n_max)], ComparisonOp::Le, thrust_n_max);
     }
     let mut balance = |of: &dyn Fn(usize) -> f64, total: f64| {
@@ -49,15 +50,19 @@ pub fn loss_max(vehicle: &Vehicle, failing: &[i64], heading: Heading) -> Option<
     }
 }
 
+const ONE: Rotors = Rotors::new([true, false, false, false]);
+const FACING: Rotors = Rotors::new([true, false, true, false]);
+const NEIGHBOURS: Rotors = Rotors::new([true, true, false, false]);
+
 /// What is asked of an airframe: a name for people, the failing rotors, and what of heading.
-pub const CASES: [(&str, &[i64], Heading); 7] = [
-    ("all rotors", &[1, 2, 3, 4], Heading::Held),
-    ("one rotor, heading held", &[1], Heading::Held),
-    ("one rotor, heading given up", &[1], Heading::GivenUp),
-    ("facing pair, heading held", &[1, 3], Heading::Held),
-    ("facing pair, heading given up", &[1, 3], Heading::GivenUp),
-    ("neighbours, heading held", &[1, 2], Heading::Held),
-    ("neighbours, heading given up", &[1, 2], Heading::GivenUp),
+pub const CASES: [(&str, Rotors, Heading); 7] = [
+    ("all rotors", Rotors::ALL, Heading::Held),
+    ("one rotor, heading held", ONE, Heading::Held),
+    ("one rotor, heading given up", ONE, Heading::GivenUp),
+    ("facing pair, heading held", FACING, Heading::Held),
+    ("facing pair, heading given up", FACING, Heading::GivenUp),
+    ("neighbours, heading held", NEIGHBOURS, Heading::Held),
+    ("neighbours, heading given up", NEIGHBOURS, Heading::GivenUp),
 ];
 
 #[cfg(test)]
@@ -65,7 +70,7 @@ mod tests {
     use super::*;
     use crate::vehicle::{AirframeName, Frame, VehicleKeys};
 
-    fn loss(thrust_to_weight: f64, frame: Frame, failing: &[i64], heading: Heading) -> Option<f64> {
+    fn loss(thrust_to_weight: f64, frame: Frame, failing: Rotors, heading: Heading) -> Option<f64> {
         let keys = VehicleKeys { thrust_to_weight, frame, ..VehicleKeys::default() };
         loss_max(&Vehicle::new(AirframeName::Paper, &keys), failing, heading)
     }
@@ -75,10 +80,15 @@ mod tests {
         for r in [1.2_f64, 1.8, 2.2, 3.0] {
             for frame in [Frame::Plus, Frame::X] {
                 for (why, failing, heading, want) in [
-                    ("all", &[1_i64, 2, 3, 4][..], Heading::Held, 1.0 - 1.0 / r),
-                    ("one, heading held", &[2], Heading::Held, 1.0 - 1.0 / r),
-                    ("one, heading given up", &[3], Heading::GivenUp, (2.0 - 2.0 / r).min(1.0)),
-                    ("a facing pair shares what one would carry", &[1, 3], Heading::Held, 1.0 - 1.0 / r),
+                    ("all", Rotors::ALL, Heading::Held, 1.0 - 1.0 / r),
+                    ("one, heading held", Rotors::new([false, true, false, false]), Heading::Held, 1.0 - 1.0 / r),
+                    (
+                        "one, heading given up",
+                        Rotors::new([false, false, true, false]),
+                        Heading::GivenUp,
+                        (2.0 - 2.0 / r).min(1.0),
+                    ),
+                    ("a facing pair shares what one would carry", FACING, Heading::Held, 1.0 - 1.0 / r),
                 ] {
                     let found = loss(r, frame, failing, heading).expect("it hovers");
                     assert!((found - want).abs() < 1e-9, "{why} at {r}: {found}, not {want}");
@@ -89,6 +99,6 @@ mod tests {
 
     #[test]
     fn too_heavy_to_hover_has_no_limit() {
-        assert_eq!(loss(0.9, Frame::Plus, &[1], Heading::GivenUp), None);
+        assert_eq!(loss(0.9, Frame::Plus, ONE, Heading::GivenUp), None);
     }
 }

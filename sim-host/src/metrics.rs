@@ -1,5 +1,5 @@
 //! What is measured of a flight, from the true state at the control rate and the commanded thrusts.
-use crate::flight::{Crash, Flight, Sample};
+use crate::flight::{Crash, Ending, Flight, Landing, Sample};
 use crate::scenario::Scenario;
 use control_core::{Axis, ConfigError};
 
@@ -9,6 +9,10 @@ pub const RECOVERED_M: f64 = 0.1;
 const JUST_BEFORE_S: f64 = 1e-9;
 /// How much of the fault's end, and of the time before it, the learnt gain is averaged over, s.
 const GAIN_WINDOW_S: f64 = 5.0;
+/// How long after an onset a machine that can recover has recovered, s.
+const SETTLED_S: f64 = 5.0;
+/// How long after the last fault it is back on station, s.
+const RETURNED_S: f64 = 20.0;
 /// How long before the fault a limit cycle is looked for, s.
 const CYCLE_WINDOW_S: f64 = 10.0;
 
@@ -23,7 +27,7 @@ pub struct Metric {
 }
 
 /// Every metric, in the order of tables.
-pub static METRICS: [Metric; 10] = [
+pub static METRICS: [Metric; 16] = [
     Metric {
         name: "altitude_deviation_max_m",
         title: "largest |altitude error| during the faults",
@@ -74,6 +78,36 @@ pub static METRICS: [Metric; 10] = [
         title: "half the peak-to-peak of the worse of north and east in the last 10 s before the first fault",
         of: |m| m.lateral_limit_cycle_m,
     },
+    Metric {
+        name: "altitude_drop_max_m",
+        title: "farthest below the altitude setpoint during the faults",
+        of: |m| m.altitude_drop_max_m,
+    },
+    Metric {
+        name: "horizontal_excursion_max_m",
+        title: "farthest from the setpoint in the horizontal plane during the faults",
+        of: |m| m.horizontal_excursion_max_m,
+    },
+    Metric {
+        name: "position_error_settled_m",
+        title: "largest distance from the setpoint from 5 s after an onset until that fault's end",
+        of: |m| m.position_error_settled_m,
+    },
+    Metric {
+        name: "position_error_end_m",
+        title: "distance from the setpoint 20 s after the last fault's end, or at the end of the flight if that is sooner",
+        of: |m| m.position_error_end_m,
+    },
+    Metric {
+        name: "tilt_max_rad",
+        title: "largest angle of the rotors' axis to the vertical from the first onset on",
+        of: |m| m.tilt_max_rad,
+    },
+    Metric {
+        name: "yaw_rate_max_rad_s",
+        title: "largest |yaw rate| from the first onset on",
+        of: |m| m.yaw_rate_max_rad_s,
+    },
 ];
 
 /// Measurements of one flight; see [`METRICS`] for what each says.
@@ -89,6 +123,12 @@ pub struct Metrics {
     motor_total_variation_n_s: Option<f64>,
     ki_ratio_z: Option<f64>,
     lateral_limit_cycle_m: Option<f64>,
+    altitude_drop_max_m: Option<f64>,
+    horizontal_excursion_max_m: Option<f64>,
+    position_error_settled_m: Option<f64>,
+    position_error_end_m: Option<f64>,
+    tilt_max_rad: Option<f64>,
+    yaw_rate_max_rad_s: Option<f64>,
 }
 
 impl Metric {
@@ -103,20 +143,34 @@ impl Metric {
 pub struct Flown {
     /// Its seed.
     pub seed: u64,
-    /// How it ended, if early.
+    /// How it crashed, if it did.
     pub crash: Option<Crash>,
+    /// How a fault brought it down in one piece, if it did.
+    pub landing: Option<Landing>,
     /// What was measured until then.
     pub metrics: Metrics,
+}
+
+impl Flown {
+    /// Whether it flew to the end.
+    pub fn survived(&self) -> bool {
+        self.crash.is_none() && self.landing.is_none()
+    }
 }
 
 /// Flies and measures; `observe` sees every tick as well.
 pub fn fly_measured(flight: &Flight, observe: &mut dyn FnMut(&Sample)) -> Result<Flown, ConfigError> {
     let mut meter = Meter::new(flight.scenario);
-    let crash = flight.fly(&mut |sample| {
+    let ending = flight.fly(&mut |sample| {
         meter.note(sample);
         observe(sample);
     })?;
-    Ok(Flown { seed: flight.seed, crash, metrics: meter.finish() })
+    let (crash, landing) = match ending {
+        None => (None, None),
+        Some(Ending::Crashed(crash)) => (Some(crash), None),
+        Some(Ending::CameDown(landing)) => (None, Some(landing)),
+    };
+    Ok(Flown { seed: flight.seed, crash, landing, metrics: meter.finish() })
 }
 
 /// Running mean.
@@ -191,6 +245,7 @@ impl Meter {
     fn note(&mut self, sample: &Sample) {
         self.note_step(sample);
         self.note_faults(sample);
+        self.note_upset(sample);
         self.note_first_fault(sample);
         self.last_command_n = Some(sample.output.thrust_n);
     }
@@ -235,6 +290,31 @@ impl Meter {
         }
     }
 
+    /// How far it is thrown by the faults, and how it comes back.
+    fn note_upset(&mut self, sample: &Sample) {
+        let (Some(&(first_s, _)), Some(&(_, last_s))) = (self.windows_s.first(), self.windows_s.last()) else { return };
+        let t_s = sample.t_s;
+        if t_s < first_s {
+            return;
+        }
+        let metrics = &mut self.metrics;
+        let [north, east] = sample.lateral_error_m();
+        let (lateral, up) = (libm::hypot(north, east), sample.altitude_error_m());
+        let away = libm::hypot(lateral, up);
+        keep_max(&mut metrics.tilt_max_rad, sample.truth.tilt_rad());
+        keep_max(&mut metrics.yaw_rate_max_rad_s, sample.truth.rate_rad_s.z.abs());
+        if let Some(&(from_s, _)) = self.windows_s.iter().find(|(from_s, until_s)| (*from_s..*until_s).contains(&t_s)) {
+            keep_max(&mut metrics.altitude_drop_max_m, (-up).max(0.0));
+            keep_max(&mut metrics.horizontal_excursion_max_m, lateral);
+            if t_s >= from_s + SETTLED_S {
+                keep_max(&mut metrics.position_error_settled_m, away);
+            }
+        }
+        if t_s <= last_s + RETURNED_S {
+            metrics.position_error_end_m = Some(away);
+        }
+    }
+
     /// What the gains learn from the first fault, and what the machine did before it.
     fn note_first_fault(&mut self, sample: &Sample) {
         let Some(&(from_s, until_s)) = self.windows_s.first() else { return };
@@ -268,7 +348,7 @@ impl Meter {
 /// Median and worst of a metric over the flights that survived; none if there is none.
 pub fn median_and_worst(flights: &[Flown], metric: &Metric) -> Option<(f64, f64)> {
     let mut values: Vec<f64> =
-        flights.iter().filter(|flown| flown.crash.is_none()).filter_map(|flown| (metric.of)(&flown.metrics)).collect();
+        flights.iter().filter(|flown| flown.survived()).filter_map(|flown| (metric.of)(&flown.metrics)).collect();
     values.sort_by(f64::total_cmp);
     let worst = *values.last()?;
     let middle = values.len() / 2;

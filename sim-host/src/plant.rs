@@ -1,6 +1,7 @@
 //! The machine and its world, in f64: what the controller does not know.
 //!
 //! Both plants take rotor thrusts and give a [`Truth`]. World NED, body FRD, SI.
+use crate::actuators::Drive;
 use crate::ground::Ground;
 use crate::vehicle::Vehicle;
 use crate::wind::Gust;
@@ -29,6 +30,8 @@ pub struct Truth {
     pub thrust_n: [f64; 4],
     /// Vertical speed at the hardest contact with the ground so far, m/s, positive; 0 before any.
     pub impact_m_s: f64,
+    /// Whether it is on the ground.
+    pub touching: bool,
 }
 
 impl Truth {
@@ -42,6 +45,11 @@ impl Truth {
         ]
     }
 
+    /// Angle between the rotors' axis and the vertical, rad.
+    pub fn tilt_rad(&self) -> f64 {
+        libm::acos(self.attitude[(2, 2)].clamp(-1.0, 1.0))
+    }
+
     /// Altitude, m, positive up.
     pub fn altitude_m(&self) -> f64 {
         -self.position_m.z
@@ -51,10 +59,8 @@ impl Truth {
 /// What acts on the machine during one control period.
 #[derive(Clone, Copy, Debug)]
 pub struct Actuation {
-    /// Thrust commanded of each rotor, N.
-    pub command_n: [f64; 4],
-    /// Share of its thrust each rotor still makes, 0..=1.
-    pub effectiveness: [f64; 4],
+    /// What each rotor is driven with.
+    pub drives: [Drive; 4],
     /// Wind.
     pub gust: Gust,
 }
@@ -63,6 +69,9 @@ pub struct Actuation {
 pub trait Plant {
     /// Moves time on by `period_s` under `actuation`, in `steps` equal Runge-Kutta steps.
     fn advance(&mut self, actuation: &Actuation, period_s: f64, steps: u32);
+
+    /// What each rotor's speed would make in thrust, without a fault, N.
+    fn rotor_n(&self, actuation: &Actuation) -> [f64; 4];
 
     /// The state now, under the forces of `actuation`.
     fn truth(&self, actuation: &Actuation) -> Truth;

@@ -1,6 +1,7 @@
 //! A comparison in words and numbers: terminal table, JSON and, in `html.rs`, the report.
 use crate::controllers::{ControllerName, gains_json};
-use crate::flight::NumberFormat;
+use crate::fault::{Fault, Rotors};
+use crate::flight::{Landing, NumberFormat, Touchdown};
 use crate::limits::{Heading, loss_max};
 use crate::metrics::{Flown, METRICS, Metric, median_and_worst};
 use crate::plant::PlantKind;
@@ -45,9 +46,18 @@ pub struct Comparison<'a> {
 const LIMIT_CYCLE_M: f64 = 0.03;
 
 impl Entry {
-    /// Number of flights that did not crash.
+    /// Number of flights that flew to their end.
     pub fn survived(&self) -> usize {
-        self.flights.iter().filter(|flown| flown.crash.is_none()).count()
+        self.flights.iter().filter(|flown| flown.survived()).count()
+    }
+
+    /// Number of flights that a fault brought down in one piece.
+    pub fn came_down(&self) -> usize {
+        self.flights.iter().filter(|flown| flown.landing.is_some()).count()
+    }
+
+    fn crashed(&self) -> usize {
+        self.flights.len() - self.survived() - self.came_down()
     }
 
     fn metric(&self, name: &str) -> Option<(f64, f64)> {
@@ -59,6 +69,7 @@ impl Entry {
         entry.insert("gains".to_owned(), gains_json(&self.config));
         entry.insert("flights".to_owned(), json!(self.flights.len()));
         entry.insert("survived".to_owned(), json!(self.survived()));
+        entry.insert("came_down".to_owned(), json!(self.came_down()));
         for metric in &METRICS {
             let (median, worst) = median_and_worst(&self.flights, metric).unzip();
             entry.insert(metric.name.to_owned(), json!({"median": median, "worst": worst}));
@@ -72,6 +83,15 @@ impl Entry {
             })
             .collect();
         entry.insert("crashes".to_owned(), Value::Array(crashes));
+        let landings: Vec<Value> = self
+            .flights
+            .iter()
+            .filter_map(|flown| {
+                let Landing { t_s, touchdown: Touchdown { speed_m_s, tilt_rad } } = flown.landing?;
+                Some(json!({"seed": flown.seed, "t_s": t_s, "speed_m_s": speed_m_s, "tilt_rad": tilt_rad}))
+            })
+            .collect();
+        entry.insert("landings".to_owned(), Value::Array(landings));
         Value::Object(entry)
     }
 }
@@ -122,11 +142,11 @@ impl Comparison<'_> {
 
     /// Rows of the table: a name, then one cell a controller, `median (worst)` over the flights that survived.
     fn rows(&self) -> Vec<Vec<String>> {
-        let mut rows = vec![
-            std::iter::once("survived".to_owned())
-                .chain(self.entries.iter().map(|e| format!("{} of {}", e.survived(), e.flights.len())))
-                .collect::<Vec<_>>(),
-        ];
+        let counts = |name: &str, count: fn(&Entry) -> usize| -> Vec<String> {
+            let cells = self.entries.iter().map(|entry| format!("{} of {}", count(entry), entry.flights.len()));
+            std::iter::once(name.to_owned()).chain(cells).collect()
+        };
+        let mut rows = vec![counts("survived", Entry::survived), counts("came down", Entry::came_down)];
         for metric in &METRICS {
             let cells = self.entries.iter().map(|entry| match median_and_worst(&entry.flights, metric) {
                 Some((median, worst)) if short(median) != short(worst) => {
@@ -170,11 +190,20 @@ impl Comparison<'_> {
             let name = entry.controller;
             let crashed = entry.flights.iter().filter_map(|flown| flown.crash);
             if let Some(first) = crashed.min_by(|a, b| a.t_s.total_cmp(&b.t_s)) {
-                let (lost, flights) = (entry.flights.len() - entry.survived(), entry.flights.len());
+                let (lost, flights) = (entry.crashed(), entry.flights.len());
                 findings.push(format!(
                     "{name} crashed in {lost} of {flights} flights: it {}, first at {} s.",
                     first.cause,
                     short(first.t_s)
+                ));
+            }
+            let landed = entry.flights.iter().filter_map(|flown| flown.landing);
+            if let Some(worst) = landed.max_by(|a, b| a.touchdown.speed_m_s.total_cmp(&b.touchdown.speed_m_s)) {
+                let (down, flights) = (entry.came_down(), entry.flights.len());
+                findings.push(format!(
+                    "{name} came down in {down} of {flights} flights, at worst {}, {} s into the flight.",
+                    worst.touchdown,
+                    short(worst.t_s)
                 ));
             }
             if self.is_calm()
@@ -202,7 +231,8 @@ impl Comparison<'_> {
 
     /// Whether nothing but the controller itself moves the machine before the fault.
     fn is_calm(&self) -> bool {
-        self.scenario.wind.gust_rms_n == 0.0 && !matches!(self.scenario.reference, Reference::Helix(_))
+        let wind = &self.scenario.wind;
+        wind.gust_rms_n == 0.0 && wind.torque_rms_nm == 0.0 && !matches!(self.scenario.reference, Reference::Helix(_))
     }
 
     /// Each fault beside the largest that a hover of this machine survives at all.
@@ -213,22 +243,19 @@ impl Comparison<'_> {
         let vehicle = self.scenario.vehicle();
         let percent = |loss: f64| format!("{:.1} %", 100.0 * loss);
         let limit =
-            |rotors: &[i64], heading| loss_max(&vehicle, rotors, heading).map_or_else(|| "none".to_owned(), percent);
-        self.scenario
-            .fault
-            .iter()
-            .map(|fault| {
-                let rotors: Vec<_> = fault.rotors.iter().map(ToString::to_string).collect();
-                format!(
-                    "The fault takes {} of rotor{} {}; a hover survives up to {} with its heading, {} without.",
-                    percent(fault.loss),
-                    if rotors.len() == 1 { "" } else { "s" },
-                    rotors.join(", "),
-                    limit(&fault.rotors, Heading::Held),
-                    limit(&fault.rotors, Heading::GivenUp)
-                )
-            })
-            .collect()
+            |rotors: Rotors, heading| loss_max(&vehicle, rotors, heading).map_or_else(|| "none".to_owned(), percent);
+        let beside = |fault: &Fault| {
+            let rotors: Vec<_> = fault.rotors.numbers().map(|number| number.to_string()).collect();
+            Some(format!(
+                "The fault takes {} of rotor{} {}; a hover survives up to {} with its heading, {} without.",
+                percent(fault.kind.loss()?),
+                if rotors.len() == 1 { "" } else { "s" },
+                rotors.join(", "),
+                limit(fault.rotors, Heading::Held),
+                limit(fault.rotors, Heading::GivenUp)
+            ))
+        };
+        self.scenario.fault.iter().filter_map(beside).collect()
     }
 
     /// How much of fixed gains' altitude deviation is left.

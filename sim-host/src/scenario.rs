@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 mod check;
+mod faults;
 mod load;
 
 pub use check::THRUST_TO_WEIGHT;

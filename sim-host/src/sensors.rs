@@ -1,4 +1,5 @@
-//! What the controller is shown of the truth: white noise on every channel.
+//! What the controller is shown of the truth: white noise on every channel, and what damaged propellers shake.
+use crate::actuators::Vibration;
 use crate::plant::Truth;
 use crate::reference::Target;
 use control_core::Input;
@@ -47,13 +48,16 @@ impl Sensors {
     }
 
     /// What the controller sees of `truth` when told to be at `target`, `dt_s` after the last sample.
-    pub fn sample(&mut self, truth: &Truth, target: &Target, dt_s: f64) -> Input {
+    ///
+    /// - `vibration`: felt by gyro and accelerometer alone.
+    pub fn sample(&mut self, truth: &Truth, vibration: &Vibration, target: &Target, dt_s: f64) -> Input {
         let noise = self.noise;
         let position = truth.position_m + self.draw(noise.position_m);
         let velocity = truth.velocity_m_s + self.draw(noise.velocity_m_s);
         let attitude = truth.attitude * small_rotation(self.draw(noise.attitude_rad));
-        let rate = truth.rate_rad_s + self.draw(noise.rate_rad_s);
-        let specific_force = truth.specific_force_m_s2 + self.draw(noise.acceleration_m_s2);
+        let rate = truth.rate_rad_s + self.draw(noise.rate_rad_s) + vibration.rate_rad_s;
+        let specific_force =
+            truth.specific_force_m_s2 + self.draw(noise.acceleration_m_s2) + vibration.specific_force_m_s2;
         Input {
             dt_s: dt_s as f32,
             position_m: narrow(&position),

@@ -14,6 +14,16 @@ pub enum AirframeName {
     Os4,
 }
 
+impl AirframeName {
+    /// Fastest touchdown that is not a crash, vertical, m/s.
+    pub fn impact_m_s_max(self) -> f64 {
+        match self {
+            Self::Paper => 2.0,
+            Self::Os4 => 3.5,
+        }
+    }
+}
+
 /// How the arms lie.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]

@@ -29,10 +29,10 @@ pub fn fly(scenario: &Scenario, controller: ControllerName, base: u64, seeds: u6
         .collect()
 }
 
-/// Flies once in `format` and keeps what `of` says of every tick; panics if it crashes.
+/// Flies once in `format` and keeps what `of` says of every tick.
 ///
 /// # Panics
-/// If the flight crashes.
+/// If the flight crashes or comes down.
 pub fn trace<T>(
     scenario: &Scenario,
     controller: ControllerName,
@@ -41,18 +41,18 @@ pub fn trace<T>(
 ) -> Vec<T> {
     let mut rows = Vec::new();
     let flight = Flight { scenario, controller, seed: scenario.seed, format };
-    let crash = flight.fly(&mut |sample| rows.push(of(sample))).expect("shipped gains are valid");
-    assert_eq!(crash, None, "{controller} in {format:?}");
+    let ending = flight.fly(&mut |sample| rows.push(of(sample))).expect("shipped gains are valid");
+    assert_eq!(ending, None, "{controller} in {format:?}");
     rows
 }
 
 /// Median and worst of a metric over flights that all must have survived.
 ///
 /// # Panics
-/// If a flight crashed, naming its seed, or if there is no such metric to measure.
+/// If a flight crashed or came down, naming its seed, or if there is no such metric to measure.
 pub fn metric(flights: &[Flown], name: &str) -> (f64, f64) {
     for flown in flights {
-        assert_eq!(flown.crash, None, "seed {}", flown.seed);
+        assert_eq!((flown.crash, flown.landing), (None, None), "seed {}", flown.seed);
     }
     let metric = Metric::named(name).expect("a metric of this name");
     median_and_worst(flights, metric).expect("something to measure")

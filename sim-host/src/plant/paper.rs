@@ -50,7 +50,7 @@ impl PaperPlant {
     }
 
     fn thrust_n(actuation: &Actuation) -> [f64; 4] {
-        std::array::from_fn(|i| actuation.command_n[i] * actuation.effectiveness[i])
+        std::array::from_fn(|i| actuation.drives[i].command_n * actuation.drives[i].share)
     }
 }
 
@@ -60,6 +60,10 @@ impl Plant for PaperPlant {
         for _ in 0..steps {
             self.state = rk4(&self.state, period_s / f64::from(steps), |x| self.slope(x, &thrust_n));
         }
+    }
+
+    fn rotor_n(&self, actuation: &Actuation) -> [f64; 4] {
+        actuation.drives.map(|drive| drive.command_n)
     }
 
     fn truth(&self, actuation: &Actuation) -> Truth {
@@ -76,6 +80,7 @@ impl Plant for PaperPlant {
             specific_force_m_s2: attitude.transpose() * (acceleration - Vector3::z() * f64::from(GRAVITY_M_S2)),
             thrust_n,
             impact_m_s: 0.0,
+            touching: false,
         }
     }
 }

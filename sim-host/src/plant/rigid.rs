@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! m v̇ = m g + R (−ΣF ẑ) − D (v − w) + f_gust + f_ground
-//! I ω̇ = τ − ω × (I ω + h) − c r ẑ + τ_ground        h = Jr Σ ∓Ω_i ẑ,  Ω_i = √(F_i / b)
-//! Ḟ_i = (sat(F_cmd,i) − F_i) / T                     thrust made: (1 − loss_i) F_i
+//! I ω̇ = τ − ω × (I ω + h) − c r ẑ + τ_air + τ_ground   h = Jr Σ ∓Ω_i ẑ,  Ω_i = √(F_i / b)
+//! Ḟ_i = (sat(F_cmd,i) − F_i) / T_i, |Ḟ_i| ≤ rate_i       thrust made: share_i F_i; backwards if share_i < 0
 //! ```
 //!
 //! Thrust acts along the third column of R, and body axes replace the paper's eq 9 (docs/control-law.md, errata). Attitude is
@@ -50,7 +50,7 @@ impl RigidPlant {
 
     /// Thrust made, after the faults.
     fn thrust_n(state: &State, actuation: &Actuation) -> [f64; 4] {
-        std::array::from_fn(|i| state[13 + i] * actuation.effectiveness[i])
+        std::array::from_fn(|i| state[13 + i] * actuation.drives[i].share)
     }
 
     fn accelerations(&self, state: &State, actuation: &Actuation) -> Accelerations {
@@ -72,6 +72,7 @@ impl RigidPlant {
         let torque_nm = vehicle.torque_n_m(&thrust_n)
             - rate.cross(&(inertia.component_mul(&rate) + spin))
             - Vector3::new(0.0, 0.0, vehicle.yaw_drag_n_m_s * rate.z)
+            + actuation.gust.torque_nm
             + contact.torque_nm;
         Accelerations {
             linear_m_s2: force_n / vehicle.mass_kg + Vector3::z() * f64::from(GRAVITY_M_S2),
@@ -79,10 +80,14 @@ impl RigidPlant {
         }
     }
 
-    /// Angular momentum of the rotors about body z, N m s: rotors 1 and 3 turn counter-clockwise seen from above.
+    /// Angular momentum of the rotors about body z, N m s: rotors 1 and 3 turn counter-clockwise seen from above, and
+    /// one that thrusts downwards the other way.
     fn rotor_momentum(&self, thrust_n: &[f64; 4]) -> f64 {
         let vehicle = &self.vehicle;
-        let speed = |i: usize| libm::sqrt(thrust_n[i].max(0.0) / vehicle.thrust_coefficient_n_s2);
+        let speed = |i: usize| {
+            let thrust_n = thrust_n[i];
+            libm::sqrt(thrust_n.abs() / vehicle.thrust_coefficient_n_s2).copysign(thrust_n)
+        };
         vehicle.rotor_inertia_kg_m2 * (speed(1) + speed(3) - speed(0) - speed(2))
     }
 
@@ -96,21 +101,19 @@ impl RigidPlant {
         slope.fixed_rows_mut::<3>(3).copy_from(&linear_m_s2);
         slope.fixed_rows_mut::<4>(6).copy_from(&Vector4::new(turn.w, turn.i, turn.j, turn.k));
         slope.fixed_rows_mut::<3>(10).copy_from(&angular_rad_s2);
-        if self.vehicle.motor_lag_s > 0.0 {
-            for i in 0..4 {
-                let wanted = actuation.command_n[i].clamp(0.0, self.vehicle.thrust_n_max());
-                slope[13 + i] = (wanted - state[13 + i]) / self.vehicle.motor_lag_s;
-            }
+        for (i, drive) in actuation.drives.iter().enumerate().filter(|(_, drive)| drive.lag_s > 0.0) {
+            let wanted = drive.command_n.clamp(0.0, self.vehicle.thrust_n_max());
+            slope[13 + i] = ((wanted - state[13 + i]) / drive.lag_s).clamp(-drive.rate_n_s_max, drive.rate_n_s_max);
         }
         slope
     }
 
-    /// Rotors without lag follow their command at once.
-    fn follow_at_once(&mut self, actuation: &Actuation) {
-        if self.vehicle.motor_lag_s == 0.0 {
-            for i in 0..4 {
-                self.state[13 + i] = actuation.command_n[i].clamp(0.0, self.vehicle.thrust_n_max());
-            }
+    /// Rotors without lag follow their command at once, as far as their rate lets them in a period.
+    fn follow_at_once(&mut self, actuation: &Actuation, period_s: f64) {
+        for (i, drive) in actuation.drives.iter().enumerate().filter(|(_, drive)| drive.lag_s == 0.0) {
+            let (now, reach) = (self.state[13 + i], drive.rate_n_s_max * period_s);
+            let wanted = drive.command_n.clamp(0.0, self.vehicle.thrust_n_max());
+            self.state[13 + i] = wanted.clamp(now - reach, now + reach);
         }
     }
 
@@ -127,7 +130,7 @@ impl RigidPlant {
 
 impl Plant for RigidPlant {
     fn advance(&mut self, actuation: &Actuation, period_s: f64, steps: u32) {
-        self.follow_at_once(actuation);
+        self.follow_at_once(actuation, period_s);
         for _ in 0..steps {
             let mut next = rk4(&self.state, period_s / f64::from(steps), |x| self.slope(x, actuation));
             let norm = next.fixed_rows::<4>(6).norm();
@@ -135,6 +138,10 @@ impl Plant for RigidPlant {
             self.state = next;
             self.note_contact();
         }
+    }
+
+    fn rotor_n(&self, _: &Actuation) -> [f64; 4] {
+        self.state.fixed_rows::<4>(13).into_owned().into()
     }
 
     fn truth(&self, actuation: &Actuation) -> Truth {
@@ -149,6 +156,70 @@ impl Plant for RigidPlant {
             specific_force_m_s2: attitude.transpose() * (acceleration - Vector3::z() * f64::from(GRAVITY_M_S2)),
             thrust_n: Self::thrust_n(state, actuation),
             impact_m_s: self.impact_m_s,
+            touching: self.touching,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::actuators::Drive;
+    use crate::vehicle::{AirframeName, VehicleKeys};
+    use crate::wind::Gust;
+
+    fn plant(motor_lag_s: f64) -> (Vehicle, RigidPlant) {
+        let keys = VehicleKeys { motor_lag_s, ..VehicleKeys::default() };
+        let vehicle = Vehicle::new(AirframeName::Paper, &keys);
+        let plant = RigidPlant::hovering(&vehicle, Ground { altitude_m: None }, 0.0);
+        (vehicle, plant)
+    }
+
+    fn driven(first: Drive) -> Actuation {
+        let other = Drive { command_n: 1.0, lag_s: 0.02, rate_n_s_max: f64::INFINITY, share: 1.0 };
+        Actuation { drives: [first, other, other, other], gust: Gust::default() }
+    }
+
+    #[test]
+    fn a_rotor_changes_no_faster_than_its_rate() {
+        for lag_s in [0.0, 0.02] {
+            let (vehicle, mut plant) = plant(lag_s);
+            let actuation = driven(Drive { command_n: 2.0, lag_s, rate_n_s_max: 1.5, share: 1.0 });
+            let before = plant.rotor_n(&actuation)[0];
+            for _ in 0..100 {
+                plant.advance(&actuation, 0.002, 2);
+            }
+            let change_n = plant.rotor_n(&actuation)[0] - before;
+            assert!((change_n - 1.5 * 0.2).abs() < 1e-9, "{change_n} with a lag of {lag_s} s");
+            assert!(vehicle.thrust_n_max() > 2.0);
+        }
+    }
+
+    #[test]
+    fn a_reversed_rotor_pushes_down_and_turns_the_other_way() {
+        let (_, plant) = plant(0.02);
+        let truth = |share| {
+            let actuation = driven(Drive { command_n: 1.0, lag_s: 0.02, rate_n_s_max: f64::INFINITY, share });
+            (plant.truth(&actuation).thrust_n[0], plant.accelerations(&plant.state, &actuation).angular_rad_s2)
+        };
+        let ((up_n, straight), (down_n, reversed), (_, none)) = (truth(1.0), truth(-0.5), truth(0.0));
+        assert!((down_n + 0.5 * up_n).abs() < 1e-12);
+        for axis in [0, 2] {
+            let (with, against) = (straight[axis] - none[axis], reversed[axis] - none[axis]);
+            assert!(with != 0.0 && (against + 0.5 * with).abs() < 1e-9, "about axis {axis}");
+        }
+        let momentum = |first_n| plant.rotor_momentum(&[first_n, 0.0, 0.0, 0.0]);
+        assert!(momentum(-1.0) == -momentum(1.0) && momentum(1.0) < 0.0);
+    }
+
+    #[test]
+    fn torque_of_the_air_turns_the_body() {
+        let (vehicle, plant) = plant(0.02);
+        let mut actuation = driven(Drive { command_n: 1.0, lag_s: 0.02, rate_n_s_max: f64::INFINITY, share: 1.0 });
+        let still = plant.accelerations(&plant.state, &actuation).angular_rad_s2;
+        actuation.gust.torque_nm = Vector3::new(0.01, 0.0, -0.02);
+        let turned = plant.accelerations(&plant.state, &actuation).angular_rad_s2 - still;
+        assert!((turned.x - 0.01 / vehicle.inertia_kg_m2[0]).abs() < 1e-12);
+        assert!((turned.z + 0.02 / vehicle.inertia_kg_m2[2]).abs() < 1e-12);
     }
 }

@@ -1,7 +1,6 @@
-//! The range of every key.
+//! The range of every key; those of faults are in `faults.rs`.
 use super::Scenario;
 use crate::controllers::ControllerKeys;
-use crate::fault::{Fault, Profile};
 use crate::plant::PlantKind;
 use crate::reference::Reference;
 use crate::vehicle::VehicleKeys;
@@ -16,17 +15,17 @@ pub(super) struct Wrong {
 /// Why the plant `paper` refuses a key.
 const NOT_IN_PAPER: &str = "left out with the plant `paper`, which knows neither wind, ground nor drag";
 
-type Check = Result<(), Wrong>;
+pub(super) type Check = Result<(), Wrong>;
 
 /// Refuses a number outside `low..=high`; NaN is outside.
-fn range(key: &str, value: f64, low: f64, high: f64) -> Check {
+pub(super) fn range(key: &str, value: f64, low: f64, high: f64) -> Check {
     if (low..=high).contains(&value) {
         return Ok(());
     }
     Err(Wrong { key: key.to_owned(), value: value.to_string(), allowed: format!("a number from {low} to {high}") })
 }
 
-fn refuse(key: &str, value: impl std::fmt::Display, allowed: &str) -> Check {
+pub(super) fn refuse(key: &str, value: impl std::fmt::Display, allowed: &str) -> Check {
     Err(Wrong { key: key.to_owned(), value: value.to_string(), allowed: allowed.to_owned() })
 }
 
@@ -52,9 +51,7 @@ impl Scenario {
         self.check_vehicle()?;
         self.check_reference()?;
         self.check_noise_and_wind()?;
-        for (i, fault) in self.fault.iter().enumerate() {
-            self.check_fault(&format!("fault[{i}]"), fault)?;
-        }
+        self.check_faults()?;
         for (name, keys) in &self.controllers {
             check_gains(&format!("controllers.{name}.gains"), keys)?;
         }
@@ -137,6 +134,8 @@ impl Scenario {
         range("wind.gust_rms_n", wind.gust_rms_n, 0.0, 100.0)?;
         range("wind.gust_time_constant_s", wind.gust_time_constant_s, 0.01, 1000.0)?;
         range("wind.gust_vertical_share", wind.gust_vertical_share, 0.0, 1.0)?;
+        range("wind.torque_rms_nm", wind.torque_rms_nm, 0.0, 100.0)?;
+        range("wind.torque_time_constant_s", wind.torque_time_constant_s, 0.01, 1000.0)?;
         if wind.mean_ned_m_s != [0.0; 3] && self.vehicle.linear_drag_n_s_m == 0.0 {
             let value = format!("{:?}", wind.mean_ned_m_s);
             return refuse(
@@ -148,33 +147,6 @@ impl Scenario {
         Ok(())
     }
 
-    fn check_fault(&self, key: &str, fault: &Fault) -> Check {
-        if fault.rotors.is_empty() {
-            return refuse(&format!("{key}.rotors"), "[]", "at least one of the rotors 1 to 4");
-        }
-        for (i, &rotor) in fault.rotors.iter().enumerate() {
-            let key = format!("{key}.rotors[{i}]");
-            if !(1..=4).contains(&rotor) {
-                return refuse(&key, rotor, "one of the rotors 1 to 4");
-            }
-            if fault.rotors[..i].contains(&rotor) {
-                return refuse(&key, rotor, "named once in a fault");
-            }
-        }
-        range(&format!("{key}.loss"), fault.loss, 0.0, 1.0)?;
-        range(&format!("{key}.from_s"), fault.from_s, 0.0, self.duration_s)?;
-        range(&format!("{key}.until_s"), fault.until_s, fault.from_s, DURATION_S_MAX)?;
-        match fault.profile {
-            Profile::Step => Ok(()),
-            Profile::Ramp(ramp) => range(&format!("{key}.profile.ramp.rise_s"), ramp.rise_s, 0.001, DURATION_S_MAX),
-            Profile::PulseTrain(pulse) => {
-                range(&format!("{key}.profile.pulse_train.period_s"), pulse.period_s, 0.001, DURATION_S_MAX)?;
-                range(&format!("{key}.profile.pulse_train.duty"), pulse.duty, 0.0, 1.0)
-            }
-            Profile::Sine(sine) => range(&format!("{key}.profile.sine.period_s"), sine.period_s, 0.001, DURATION_S_MAX),
-        }
-    }
-
     /// The plant `paper` has no air, no ground and no motors: a key about them would be silently without effect.
     fn check_paper(&self) -> Check {
         if self.plant != PlantKind::Paper {
@@ -182,6 +154,9 @@ impl Scenario {
         }
         if self.wind.gust_rms_n != 0.0 {
             return refuse("wind.gust_rms_n", self.wind.gust_rms_n, NOT_IN_PAPER);
+        }
+        if self.wind.torque_rms_nm != 0.0 {
+            return refuse("wind.torque_rms_nm", self.wind.torque_rms_nm, NOT_IN_PAPER);
         }
         if self.vehicle.linear_drag_n_s_m != 0.0 {
             return refuse("vehicle.linear_drag_n_s_m", self.vehicle.linear_drag_n_s_m, NOT_IN_PAPER);
