@@ -17,7 +17,8 @@
 //! A tick has a fast part, `AxisLaw::command`, and a slow one, `AxisLaw::learn`: gains and integrals move over
 //! tenths of a second, so that the axes may learn in turn, each by the time since its last turn.
 //!
-//! Invariants: |∫e| is bounded; under `Lgs` every κ is within [0.4, 3].
+//! Invariants: |∫e| is bounded; under `Lgs` every κ is within [0.4, 3]. Proofs:
+//! docs/theory.md, "Bounded, whatever the input".
 use crate::Scalar;
 use crate::config::{AxisConfig, ConfigError};
 use crate::filter::LowPass;
@@ -86,14 +87,37 @@ pub struct AxisTelemetry<S = f32> {
     pub gains: [S; 3],
     /// The gains over those at the start.
     pub gain_ratios: [S; 3],
+    /// The integral of the error, ∫e.
+    pub integral: S,
     /// Filtered error s = ė + λ e.
     pub s: S,
+    /// Its slope ṡ = ë + λ ė, from the filtered ė and ë that the law learns from.
+    pub s_rate: S,
+    /// Half-width ε of the boundary layer. It and the λ of s are the robust law's under every law, so that flights compare.
+    pub layer: S,
 }
 
 impl<S: Scalar> AxisTelemetry<S> {
     /// Lyapunov function candidate V = s²/2 (the paper's eq 16).
     pub fn v(&self) -> S {
         S::from_f32(0.5) * self.s * self.s
+    }
+
+    /// Its slope V̇ = s ṡ. Measured, so with the noise and the delay of ė and ë.
+    pub fn v_rate(&self) -> S {
+        self.s * self.s_rate
+    }
+
+    /// Whether V rises outside the boundary layer, |s| > ε: an alarm to look at, not a proof.
+    ///
+    /// The reaching law makes V fall there unless what is missing of the command accelerates s by more than
+    /// α ε + β tanh 1. A step of the setpoint, saturated rotors, a fault in its first moments and noise all do that for a
+    /// while and are survived; an alarm that stays on says that what the law counts on does not hold.
+    ///
+    /// # Source
+    /// docs/theory.md, "The monitor".
+    pub fn v_rises(&self) -> S::Mask {
+        self.layer.lt(self.s.abs()) & S::ZERO.lt(self.v_rate())
     }
 
     /// Whether each gain sits on a bound of the robust law: the projection is at work.
@@ -109,7 +133,10 @@ impl<S: Scalar> AxisTelemetry<S> {
             command: f(self.command),
             gains: self.gains.map(f),
             gain_ratios: self.gain_ratios.map(f),
+            integral: f(self.integral),
             s: f(self.s),
+            s_rate: f(self.s_rate),
+            layer: f(self.layer),
         }
     }
 }
@@ -129,6 +156,8 @@ pub(crate) struct AxisLaw<S> {
     start: [S; 3],
     integral_max: S,
     lambda: S,
+    /// ε, for telemetry.
+    layer: S,
     adaptation: Adaptation<S>,
 }
 
@@ -153,6 +182,7 @@ impl<S: Scalar> AxisLaw<S> {
             start: config.k0.map(S::from_f32),
             integral_max: S::from_f32(config.integral_max),
             lambda: S::from_f32(config.lgs.lambda),
+            layer: S::from_f32(config.lgs.eps),
             adaptation: match law {
                 Law::Pid => Adaptation::Fixed,
                 Law::Raw => Adaptation::Raw(raw::Raw::new(&config.raw, &config.k0)),
@@ -178,7 +208,15 @@ impl<S: Scalar> AxisLaw<S> {
     pub(crate) fn telemetry(&self, state: &AxisState<S>) -> AxisTelemetry<S> {
         let gain_ratios = state.ratios.map(S::from_sum);
         let ([p, i, d], [rp, ri, rd]) = (self.start, gain_ratios);
-        AxisTelemetry { command: state.command, gains: [p * rp, i * ri, d * rd], gain_ratios, s: state.s }
+        AxisTelemetry {
+            command: state.command,
+            gains: [p * rp, i * ri, d * rd],
+            gain_ratios,
+            integral: S::from_sum(state.integral),
+            s: state.s,
+            s_rate: state.error_accel + self.lambda * state.error_rate,
+            layer: self.layer,
+        }
     }
 
     /// The fast part of a tick: filters the errors and commands with the present gains. Returns u.
@@ -288,6 +326,31 @@ mod tests {
         let high = law.telemetry(&state);
         assert_eq!(high.gain_ratios[1], GAIN_RATIO_MAX);
         assert!(high.at_bound()[1] && !after_a_second(Law::Lgs, 1e-3, 0.0).at_bound()[1]);
+    }
+
+    /// What an axis thinks after half a second of an error with this motion.
+    fn moving(error: f32, error_rate: f32, error_accel: f32) -> AxisTelemetry {
+        let (law, mut state) = altitude(Law::Pid);
+        for _ in 0..250 {
+            let input = AxisInput { error, error_rate, error_accel: Some(error_accel) };
+            law.command(&mut state, &input, &LowPass::new(157.0, DT_S));
+        }
+        law.telemetry(&state)
+    }
+
+    #[test]
+    fn the_alarm_is_for_a_v_that_rises_outside_the_boundary_layer() {
+        for (why, motion, want) in [
+            ("far off and coming nearer", moving(0.2, -0.5, 1.0), false),
+            ("far off and leaving", moving(0.2, 0.5, 0.0), true),
+            ("far off on the other side and leaving", moving(-0.2, -0.5, 0.0), true),
+            ("leaving, but inside the layer", moving(0.02, 0.05, 0.0), false),
+            ("at rest", moving(0.0, 0.0, 0.0), false),
+        ] {
+            assert_eq!(motion.v_rises(), want, "{why}: {motion:?}");
+        }
+        let AxisTelemetry { s, s_rate, .. } = moving(0.2, 0.5, 0.3);
+        assert!((s - 1.3).abs() < 1e-5 && (s_rate - 2.3).abs() < 1e-5, "{s} {s_rate}");
     }
 
     #[test]

@@ -79,6 +79,16 @@ fn plain(y: &f64) -> String {
     if short == "-0" { "0".to_owned() } else { short.to_owned() }
 }
 
+type Curve = (ControllerName, Vec<(f64, f64)>);
+
+/// The values that set the scale: in a close-up those of the curves that last, so that a crash does not flatten the rest.
+fn scaling(panel: &Panel, curves: &[Curve]) -> Vec<f64> {
+    let end_s = |points: &[(f64, f64)]| points.last().map_or(0.0, |p| p.0);
+    let longest_s = curves.iter().map(|(_, points)| end_s(points)).fold(0.0, f64::max);
+    let lasting = curves.iter().filter(|(_, points)| !panel.close_up || end_s(points) >= longest_s);
+    lasting.flat_map(|(_, points)| points.iter().map(|p| p.1)).collect()
+}
+
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
 /// The part of the flight a panel shows, s.
@@ -105,9 +115,9 @@ fn draw_panel(
         let all = log.column("t_s").into_iter().zip(values);
         all.filter(|(t_s, _)| time_s.contains(t_s)).collect()
     };
-    let curves: Vec<_> =
+    let curves: Vec<Curve> =
         traces.iter().map(|trace| (trace.controller, points(trace.log, (panel.of)(trace.log)))).collect();
-    let range = vertical_range(curves.iter().flat_map(|(_, points)| points.iter().map(|p| p.1)).collect());
+    let range = vertical_range(scaling(panel, &curves));
 
     let mut chart = ChartBuilder::on(area)
         .caption(panel.title, ("sans-serif", 18))
@@ -189,6 +199,19 @@ pub fn png(svg: &str) -> Result<Vec<u8>, Box<dyn Error>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_crash_does_not_flatten_the_close_up_of_who_survived() {
+        let curves = [
+            (ControllerName::Raw, vec![(35.0, 0.0), (36.0, 100.0)]),
+            (ControllerName::Lgs, vec![(35.0, 0.0), (36.0, 1.0), (55.0, 0.0)]),
+        ];
+        let close_up = FIGURES.iter().flat_map(|figure| figure.panels).find(|panel| panel.close_up).expect("one");
+        let whole = FIGURES.iter().flat_map(|figure| figure.panels).find(|panel| !panel.close_up).expect("one");
+        assert_eq!(scaling(close_up, &curves), [0.0, 1.0, 0.0]);
+        assert_eq!(scaling(whole, &curves).len(), 5);
+        assert_eq!(scaling(close_up, &curves[..1]), [0.0, 100.0], "alone, a crash is drawn whole");
+    }
 
     #[test]
     fn a_spike_survives_decimation() {

@@ -9,17 +9,18 @@ use std::io::Write;
 
 type Column = (&'static str, fn(&Sample) -> f64);
 
-/// An axis of the telemetry, its gains, s, V and the number of gains on a bound.
+/// An axis of the telemetry, its gains, s, V, V̇ and the number of gains on a bound.
 macro_rules! axis_columns {
-    ($i:literal: $kp:literal, $ki:literal, $kd:literal, $s:literal, $v:literal, $bound:literal) => {
+    ($i:literal: $kp:literal, $ki:literal, $kd:literal, $s:literal, $v:literal, $rate:literal, $bound:literal) => {
         [
             ($kp, |x: &Sample| x.telemetry.axes[$i].gains[0].into()),
             ($ki, |x: &Sample| x.telemetry.axes[$i].gains[1].into()),
             ($kd, |x: &Sample| x.telemetry.axes[$i].gains[2].into()),
             ($s, |x: &Sample| x.telemetry.axes[$i].s.into()),
             ($v, |x: &Sample| x.telemetry.axes[$i].v().into()),
+            ($rate, |x: &Sample| x.telemetry.axes[$i].v_rate().into()),
             ($bound, |x: &Sample| x.telemetry.axes[$i].at_bound().iter().filter(|&&hit| hit).count() as f64),
-        ] as [Column; 6]
+        ] as [Column; 7]
     };
 }
 
@@ -63,10 +64,11 @@ const ROTORS: [Column; 16] = [
     ("effectiveness_4", |x| x.effectiveness[3]),
 ];
 
-const X: [Column; 6] = axis_columns!(0: "kp_x", "ki_x", "kd_x", "s_x", "v_x", "gains_at_bound_x");
-const Y: [Column; 6] = axis_columns!(1: "kp_y", "ki_y", "kd_y", "s_y", "v_y", "gains_at_bound_y");
-const Z: [Column; 6] = axis_columns!(2: "kp_z", "ki_z", "kd_z", "s_z", "v_z", "gains_at_bound_z");
-const PSI: [Column; 6] = axis_columns!(3: "kp_psi", "ki_psi", "kd_psi", "s_psi", "v_psi", "gains_at_bound_psi");
+const X: [Column; 7] = axis_columns!(0: "kp_x", "ki_x", "kd_x", "s_x", "v_x", "v_rate_x", "gains_at_bound_x");
+const Y: [Column; 7] = axis_columns!(1: "kp_y", "ki_y", "kd_y", "s_y", "v_y", "v_rate_y", "gains_at_bound_y");
+const Z: [Column; 7] = axis_columns!(2: "kp_z", "ki_z", "kd_z", "s_z", "v_z", "v_rate_z", "gains_at_bound_z");
+const PSI: [Column; 7] =
+    axis_columns!(3: "kp_psi", "ki_psi", "kd_psi", "s_psi", "v_psi", "v_rate_psi", "gains_at_bound_psi");
 
 /// What the controller believes of the rotors; healthy where it does not watch them.
 const BELIEF: [Column; 9] = [

@@ -1,7 +1,7 @@
 //! What is measured of a flight, from the true state at the control rate and the commanded thrusts.
 use crate::flight::{Crash, Ending, Flight, Landing, Sample};
 use crate::scenario::Scenario;
-use control_core::{Axis, ConfigError};
+use control_core::{Axis, ConfigError, Demand};
 
 /// Band around the setpoint that counts as recovered, m.
 pub const RECOVERED_M: f64 = 0.1;
@@ -15,6 +15,10 @@ const SETTLED_S: f64 = 5.0;
 const RETURNED_S: f64 = 20.0;
 /// How long before the fault a limit cycle is looked for, s.
 const CYCLE_WINDOW_S: f64 = 10.0;
+/// A refusal of thrust that is more than rounding in any number format, N.
+const REFUSED_N: f32 = 1e-3;
+/// The same of a torque, N m.
+const REFUSED_NM: f32 = 2e-4;
 
 /// One metric: its name in JSON, what it is, and where it is.
 pub struct Metric {
@@ -27,7 +31,7 @@ pub struct Metric {
 }
 
 /// Every metric, in the order of tables.
-pub static METRICS: [Metric; 16] = [
+pub static METRICS: [Metric; 19] = [
     Metric {
         name: "altitude_deviation_max_m",
         title: "largest |altitude error| during the faults",
@@ -108,6 +112,21 @@ pub static METRICS: [Metric; 16] = [
         title: "largest |yaw rate| from the first onset on",
         of: |m| m.yaw_rate_max_rad_s,
     },
+    Metric {
+        name: "lyapunov_rising_share",
+        title: "share of the faults' time with V of altitude rising outside the boundary layer",
+        of: |m| m.lyapunov_rising_share,
+    },
+    Metric {
+        name: "gain_at_bound_share",
+        title: "share of the flight with any gain on, or beyond, a bound of the robust law",
+        of: |m| m.gain_at_bound_share,
+    },
+    Metric {
+        name: "refused_share",
+        title: "share of the faults' time with thrust, roll or pitch refused by the allocation",
+        of: |m| m.refused_share,
+    },
 ];
 
 /// Measurements of one flight; see [`METRICS`] for what each says.
@@ -129,6 +148,9 @@ pub struct Metrics {
     position_error_end_m: Option<f64>,
     tilt_max_rad: Option<f64>,
     yaw_rate_max_rad_s: Option<f64>,
+    lyapunov_rising_share: Option<f64>,
+    gain_at_bound_share: Option<f64>,
+    refused_share: Option<f64>,
 }
 
 impl Metric {
@@ -204,6 +226,9 @@ struct Meter {
     ki_before: Mean,
     ki_learnt: Mean,
     cycle: [Option<(f64, f64)>; 2],
+    v_rises: Mean,
+    gain_at_bound: Mean,
+    refused: Mean,
 }
 
 fn keep_max(place: &mut Option<f64>, x: f64) {
@@ -239,6 +264,9 @@ impl Meter {
             ki_before: Mean::default(),
             ki_learnt: Mean::default(),
             cycle: [None; 2],
+            v_rises: Mean::default(),
+            gain_at_bound: Mean::default(),
+            refused: Mean::default(),
         }
     }
 
@@ -247,6 +275,7 @@ impl Meter {
         self.note_faults(sample);
         self.note_upset(sample);
         self.note_first_fault(sample);
+        self.note_monitor(sample);
         self.last_command_n = Some(sample.output.thrust_n);
     }
 
@@ -334,12 +363,28 @@ impl Meter {
         }
     }
 
+    /// What the run-time monitor says.
+    fn note_monitor(&mut self, sample: &Sample) {
+        let axes = &sample.telemetry.axes;
+        let at_bound = axes.iter().any(|axis| axis.at_bound().contains(&true));
+        self.gain_at_bound.note(f64::from(at_bound));
+        if self.windows_s.iter().any(|&(from_s, until_s)| (from_s..until_s).contains(&sample.t_s)) {
+            let Demand { thrust_n, roll_nm, pitch_nm, yaw_nm: _ } = sample.telemetry.refused;
+            let refused = thrust_n.abs() > REFUSED_N || roll_nm.abs().max(pitch_nm.abs()) > REFUSED_NM;
+            self.v_rises.note(f64::from(axes[Axis::Z as usize].v_rises()));
+            self.refused.note(f64::from(refused));
+        }
+    }
+
     fn finish(self) -> Metrics {
         let cycle = self.cycle.iter().flatten().map(|(low, high)| (high - low) / 2.0);
         Metrics {
             motor_total_variation_n_s: (self.fault_s > 0.0).then(|| self.variation_n / self.fault_s),
             ki_ratio_z: self.ki_learnt.value().zip(self.ki_before.value()).map(|(learnt, before)| learnt / before),
             lateral_limit_cycle_m: cycle.reduce(f64::max),
+            lyapunov_rising_share: self.v_rises.value(),
+            gain_at_bound_share: self.gain_at_bound.value(),
+            refused_share: self.refused.value(),
             ..self.metrics
         }
     }

@@ -5,6 +5,8 @@ use sim_host::metrics::{Flown, Metric, fly_measured, median_and_worst};
 use sim_host::scenario::Scenario;
 use std::path::{Path, PathBuf};
 
+pub mod symbols;
+
 /// The root of the workspace.
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")

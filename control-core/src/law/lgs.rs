@@ -22,6 +22,7 @@
 //! 1/(1 − loss).
 //!
 //! Invariants: every gain within its bounds, so every gain positive; n² ≥ 1, so the only divisor is away from zero.
+//! What follows from them is in docs/theory.md, "How fast gains move" and after it.
 //! Source: docs/control-law.md, "lgs"; it repairs the paper's eq 21 to 23.
 use super::{Lesson, Regressor};
 use crate::Scalar;

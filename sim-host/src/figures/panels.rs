@@ -109,11 +109,15 @@ const THRUSTS: [Panel; 4] = [
     column!("Thrust of rotor 4", "N", "thrust_4_n"),
 ];
 
-const LYAPUNOV: [Panel; 4] = [
+const LYAPUNOV: [Panel; 8] = [
     close_up!("V of x around the fault", "m²/s²", |log| log.column("v_x")),
+    close_up!("Slope of V of x", "m²/s³", |log| log.column("v_rate_x")),
     close_up!("V of y around the fault", "m²/s²", |log| log.column("v_y")),
+    close_up!("Slope of V of y", "m²/s³", |log| log.column("v_rate_y")),
     close_up!("V of z around the fault", "m²/s²", |log| log.column("v_z")),
+    close_up!("Slope of V of z", "m²/s³", |log| log.column("v_rate_z")),
     close_up!("V of heading around the fault", "rad²/s²", |log| log.column("v_psi")),
+    close_up!("Slope of V of heading", "rad²/s³", |log| log.column("v_rate_psi")),
 ];
 
 /// Every figure of a report, in order.
@@ -128,5 +132,10 @@ pub const FIGURES: [Figure; 6] = [
     Figure { name: "commands", title: "Commands u1 to u4 (the paper's Fig. 4)", panels: &COMMANDS, columns: 2 },
     Figure { name: "gains", title: "Gains (the paper's Fig. 5)", panels: &GAINS, columns: 3 },
     Figure { name: "thrusts", title: "Thrust each rotor really makes", panels: &THRUSTS, columns: 2 },
-    Figure { name: "lyapunov", title: "Lyapunov function V = s²/2", panels: &LYAPUNOV, columns: 2 },
+    Figure {
+        name: "lyapunov",
+        title: "Lyapunov function V = s²/2 and its slope V̇ = s ṡ; scaled to those who survived",
+        panels: &LYAPUNOV,
+        columns: 2,
+    },
 ];
