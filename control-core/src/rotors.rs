@@ -259,8 +259,9 @@ impl<S: Scalar> Rotors<S> {
     pub(crate) fn listen(&self, state: &mut RotorsState<S>, shares: [Option<S>; 4]) {
         if self.listens {
             state.told = shares.map(|share| Some(share?.clamp(S::ZERO, S::ONE)));
+            let unknown = |share| if self.health.is_some() { share } else { S::ONE };
             for (share, told) in state.shares.iter_mut().zip(state.told) {
-                *share = told.unwrap_or(S::ONE);
+                *share = told.unwrap_or(unknown(*share));
             }
         }
     }
