@@ -27,6 +27,7 @@ fn cell(scenario: &str, controller: ControllerName) -> String {
     let down = flights.iter().filter(|flown| flown.landing.is_some()).count();
     let deviation = Metric::named("altitude_deviation_max_m").expect("a metric");
     match median_and_worst(&flights, deviation) {
+        _ if crashed > 0 && down > 0 => format!("{crashed} of 5 crash, {down} come down"),
         _ if crashed > 0 => format!("{crashed} of 5 crash"),
         _ if down > 0 => format!("{down} of 5 come down"),
         Some((median, _)) => format!("{:.1}", 1000.0 * median),
