@@ -47,7 +47,8 @@ pub struct Vibration {
 
 /// What a controller may be told of the faults, rotor by rotor: the share of a command that the rotor still answers with.
 ///
-/// A rotor that is stopped, floats, has lost its motor, or is stuck or hard-over answers with nothing: 0.
+/// A rotor that is stopped, floats, has lost its motor, or is stuck or hard-over answers with nothing: 0. One that is reversed
+/// answers with a negative share.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Told {
     /// The shares of rotors under a fault that is reported; none for the others.
