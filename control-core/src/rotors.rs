@@ -79,6 +79,8 @@ impl RotorsConfig {
 const LOST: f32 = 0.7;
 /// Share of what a heading needs above which a rotor is taken back.
 const HEALED: f32 = 1.1;
+/// Share of the vertical residual that the next command takes away: all of it, on the robust law, swings when commands are 20 ms late.
+const VERTICAL: f32 = 0.4;
 /// Share of its maximum at which a stuck rotor leaves the facing one no room.
 const OVERBEARING: f32 = 0.8;
 /// Standard errors that make an estimate sure.
@@ -125,7 +127,8 @@ pub(crate) struct Rotors<S> {
     columns: [Column<S>; 4],
     inertia_kg_m2: [S; 2],
     inertia_inverse: [S; 2],
-    mass_kg: S,
+    /// Mass times [`VERTICAL`], kg.
+    vertical_kg: S,
     filter_rad_s: S,
     incremental: bool,
     listens: bool,
@@ -212,7 +215,7 @@ impl<S: Scalar> Rotors<S> {
             columns: columns.map(|column| Column(column.map(s))),
             inertia_kg_m2: [s(ix), s(iy)],
             inertia_inverse: [s(1.0 / ix), s(1.0 / iy)],
-            mass_kg: s(airframe.mass_kg),
+            vertical_kg: s(VERTICAL * airframe.mass_kg),
             filter_rad_s: s(core::f32::consts::TAU * config.filter_hz),
             incremental: config.incremental,
             listens: config.knowledge != Knowledge::Assumed,
@@ -287,7 +290,7 @@ impl<S: Scalar> Rotors<S> {
         }
         let Residual([roll, pitch, force]) = *residual;
         Demand {
-            thrust_n: wanted.thrust_n + self.mass_kg * force,
+            thrust_n: wanted.thrust_n + self.vertical_kg * force,
             roll_nm: wanted.roll_nm - self.inertia_kg_m2[0] * roll,
             pitch_nm: wanted.pitch_nm - self.inertia_kg_m2[1] * pitch,
             yaw_nm: wanted.yaw_nm,

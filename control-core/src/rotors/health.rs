@@ -101,6 +101,11 @@ const MEAN_S: f32 = 10.0;
 const FOLLOW_S: (f32, f32) = (0.02, 0.25);
 /// Error of a factor that is far off.
 const FAR: f32 = 0.25;
+/// How long after the alarm the factor is taken as it is seen, s.
+const FRESH_S: f32 = 0.02;
+/// How long a factor may be followed fast, s, and what of it comes back in a second: a model that is wrong for another reason, such as a
+/// delay, must not swing.
+const HASTE: (f32, f32) = (0.15, 0.05);
 /// Loss below which a rotor is called whole, and for how long, s.
 const WHOLE: (f32, f32) = (0.06, 1.0);
 /// h'C⁻¹h below which a rotor pulls too little to be judged.
@@ -139,6 +144,10 @@ struct Suspect<S> {
     /// Lead over the next likeliest at the alarm, nats.
     lead_nats: S,
     whole_s: S,
+    /// How long what is seen is still taken as it is, s.
+    fresh_s: S,
+    /// How long it may still be followed fast, s.
+    haste_s: S,
     found: bool,
 }
 
@@ -364,11 +373,15 @@ impl<S: Scalar> Suspect<S> {
         change
     }
 
-    /// How far to go when `error` away.
-    fn stride(&self, error: S, dt_s: S) -> S {
+    /// How far to go when `error` away: all of it just after the onset, fast while far off and there is haste left, else slowly.
+    fn stride(&mut self, error: S, dt_s: S) -> S {
         let s = S::from_f32;
-        let fresh = self.risen.lt(s(0.95));
-        let time_s = S::select(s(FAR).lt(error.abs()), s(FOLLOW_S.0), s(FOLLOW_S.1));
+        let fresh = self.risen.lt(s(0.95)) | S::ZERO.lt(self.fresh_s);
+        self.fresh_s = (self.fresh_s - dt_s).max(S::ZERO);
+        let hurry = s(FAR).lt(error.abs()) & S::ZERO.lt(self.haste_s);
+        let spent = S::select(hurry, dt_s, -(dt_s * s(HASTE.1)));
+        self.haste_s = (self.haste_s - spent).min(s(HASTE.0));
+        let time_s = S::select(hurry, s(FOLLOW_S.0), s(FOLLOW_S.1));
         S::select(fresh, error, error * (dt_s / time_s).min(S::ONE))
     }
 
@@ -388,6 +401,8 @@ impl<S: Scalar> Suspect<S> {
             factor: S::ONE,
             lead_nats: S::ZERO,
             whole_s: S::ZERO,
+            fresh_s: S::from_f32(FRESH_S),
+            haste_s: S::from_f32(HASTE.0),
             found: false,
         }
     }
