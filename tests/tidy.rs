@@ -7,12 +7,12 @@ const FILE_LINES_MAX: usize = 400;
 /// Crates whose every source file is held to the style.
 const CRATES: [&str; 6] = ["control-core", "firmware", "sim-host", "tests", "tick-bench", "xtask"];
 
-fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
+fn files(folder: &Path, ending: &str, found: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).expect("a folder of the workspace") {
         let path = entry.expect("an entry").path();
         if path.is_dir() {
-            sources(&path, found);
-        } else if path.extension().is_some_and(|ending| ending == "rs") {
+            files(&path, ending, found);
+        } else if path.extension().is_some_and(|e| e == ending) {
             found.push(path);
         }
     }
@@ -21,7 +21,7 @@ fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
 fn every_source() -> Vec<(PathBuf, String)> {
     let mut found = Vec::new();
     for name in CRATES {
-        sources(&root().join(name), &mut found);
+        files(&root().join(name), "rs", &mut found);
     }
     assert!(found.len() > 40, "the sources were found");
     found.into_iter().map(|path| (path.clone(), std::fs::read_to_string(path).expect("text"))).collect()
@@ -95,8 +95,9 @@ fn only_the_simulator_draws_random_numbers() {
 #[test]
 fn every_shipped_scenario_loads_and_says_what_it_shows() {
     let mut titles = std::collections::BTreeSet::new();
-    for entry in std::fs::read_dir(root().join("scenarios")).expect("scenarios") {
-        let path = entry.expect("an entry").path();
+    let mut found = Vec::new();
+    files(&root().join("scenarios"), "toml", &mut found);
+    for path in found {
         let scenario = sim_host::scenario::Scenario::load(&path).unwrap_or_else(|error| panic!("{error}"));
         assert!(!scenario.title.is_empty(), "{}", path.display());
         assert!(titles.insert(scenario.title), "{}: another scenario has its title", path.display());

@@ -75,7 +75,7 @@ pub struct Alarm<S = f32> {
 }
 
 /// Rotors 1 to 4, and all.
-pub(crate) const HYPOTHESES: usize = 5;
+pub const HYPOTHESES: usize = 5;
 /// The hypothesis that all lose alike.
 const ALL: usize = 4;
 /// What the weather counts for beyond its variance.
@@ -163,6 +163,16 @@ impl<S: Scalar> HealthState<S> {
             loss: S::ONE - suspect.factor,
             confidence: half + half * crate::math::tanh(half * suspect.lead_nats),
         })
+    }
+
+    /// S of each hypothesis.
+    pub(super) fn nats(&self) -> [S; HYPOTHESES] {
+        self.suspects.map(|suspect| suspect.nats)
+    }
+
+    /// Which hypotheses are found.
+    pub(super) fn found(&self) -> [bool; HYPOTHESES] {
+        self.suspects.map(|suspect| suspect.found)
     }
 
     /// Standard error of what is known of rotor `j`: large just after the onset.
