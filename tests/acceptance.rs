@@ -5,6 +5,7 @@ use control_core::law::{GAIN_RATIO_MAX, GAIN_RATIO_MIN};
 use sim_host::controllers::ControllerName::{Indi, Lgs, LgsIndi, Lqi, Pid, PidOpt, Raw};
 use sim_host::fault::Rotors;
 use sim_host::flight::{NumberFormat, Sample};
+use sim_host::metrics::Flown;
 use sim_host::sensors::Noise;
 use system_tests::{fly, metric, shipped, trace};
 
@@ -85,7 +86,7 @@ fn every_controller_but_raw_survives_a_weak_rotor_and_a_helix() {
     for name in ["single_rotor_40", "single_rotor_60", "helix"] {
         for controller in [Pid, Lgs, LgsIndi, Indi, Lqi, PidOpt] {
             let flights = fly(&shipped(name), controller, 1, SEEDS);
-            assert!(flights.iter().all(|flown| flown.crash.is_none()), "{name} {controller}");
+            assert!(flights.iter().all(Flown::survived), "{name} {controller}");
         }
     }
 }

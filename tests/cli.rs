@@ -22,13 +22,18 @@ fn sim_host(args: &[&str]) -> Output {
     Command::new(binary).args(args).current_dir(root()).output().expect("sim-host runs")
 }
 
+/// Writes `flight.toml` to `file` with one change.
+fn change(file: &Path, from: &str, to: &str) {
+    let text = std::fs::read_to_string(root().join("scenarios/flight.toml")).expect("a shipped scenario");
+    assert!(text.contains(from), "{from}");
+    std::fs::write(file, text.replacen(from, to, 1)).expect("written");
+}
+
 /// Changes `flight.toml`, flies it, and gives the one line that is said on stderr; nothing may be left behind.
 fn refusal(from: &str, to: &str) -> String {
     let folder = tempfile::tempdir().expect("a folder");
-    let text = std::fs::read_to_string(root().join("scenarios/flight.toml")).expect("a shipped scenario");
-    assert!(text.contains(from), "{from}");
     let file = folder.path().join("changed.toml");
-    std::fs::write(&file, text.replacen(from, to, 1)).expect("written");
+    change(&file, from, to);
     refusal_of(&file, folder.path())
 }
 
@@ -73,6 +78,123 @@ fn bad_scenarios_are_refused_in_one_line_that_names_the_key() {
             assert!(line.contains(part), "{why}: `{part}` is not in: {line}");
         }
     }
+}
+
+/// The fault of `flight.toml`, whose times the others keep.
+const FAULT: &str = "kind    = \"loss_of_effectiveness\"\nrotors  = [1, 2, 3, 4]\nloss    = 0.4\n";
+
+#[test]
+fn faults_that_make_no_sense_are_refused_in_one_line() {
+    let whole = ["must be step, pulse_train or intermittent with the kind `stopped`", "fault[0].profile = ramp"];
+    let second = "kind = \"stuck\"\nrotors = [1, 2]\nfrom_s = 1.0\nuntil_s = 36.0\n[[fault]]\nkind = \"hard_over\"\nrotors = [2]\n";
+    for (why, fault, says) in [
+        ("an unknown kind", "kind = \"melted\"\nrotors = [1]\n", ["fault[0].kind: \"melted\"", "`stopped`, `stuck`"]),
+        ("no kind", "rotors = [1]\n", ["fault[0]", "missing field `kind`"]),
+        (
+            "no rotor",
+            "kind = \"stopped\"\nrotors = []\n",
+            ["fault[0].rotors = []", "at least one of the rotors 1 to 4"],
+        ),
+        (
+            "a rotor twice",
+            "kind = \"stopped\"\nrotors = [1, 1]\n",
+            ["fault[0].rotors: [1, 1]", "rotor 1 must be named once"],
+        ),
+        (
+            "a parameter of another kind",
+            "kind = \"stopped\"\nrotors = [1]\nloss = 0.4\n",
+            ["loss = 0.4", "must be left out with the kind `stopped`"],
+        ),
+        (
+            "a parameter too few",
+            "kind = \"floating\"\nrotors = [1]\n",
+            ["spin_down_s = nothing", "must be given with the kind `floating`"],
+        ),
+        (
+            "a parameter out of range",
+            "kind = \"reversed\"\nrotors = [1]\nshare = 2.0\n",
+            ["fault[0].share = 2", "must be a number from 0 to 1"],
+        ),
+        ("stopped in part", "kind = \"stopped\"\nrotors = [1]\nprofile = { ramp = { rise_s = 1.0 } }\n", whole),
+        (
+            "a shape that never is",
+            "kind = \"stopped\"\nrotors = [1]\nprofile = { intermittent = { on_mean_s = 0.0, off_mean_s = 1.0 } }\n",
+            ["fault[0].profile.intermittent.on_mean_s = 0", "must be a number from 0.001"],
+        ),
+        (
+            "a battery for two",
+            "kind = \"battery_sag\"\nrotors = [1, 3]\nsag = 0.2\n",
+            ["fault[0].rotors = [1, 3]", "must be [1, 2, 3, 4]"],
+        ),
+        (
+            "more thrust than there is",
+            "kind = \"stuck\"\nrotors = [1]\nthrust_n = 9.0\n",
+            ["fault[0].thrust_n = 9", "must be a number from 0 to 2.8"],
+        ),
+        (
+            "a rotor that coasts quicker than it is driven",
+            "kind = \"floating\"\nrotors = [1]\nspin_down_s = 0.019\n",
+            ["fault[0].spin_down_s = 0.019", "must be a number from 0.02"],
+        ),
+        (
+            "a delay below a control period",
+            "kind = \"command_delay\"\nrotors = [1]\ndelay_s = 0.001\n",
+            ["fault[0].delay_s = 0.001", "must be a number from 0.002"],
+        ),
+        (
+            "wiring that swaps one rotor",
+            "kind = \"swapped\"\nrotors = [1]\n",
+            ["fault[0].rotors = [1]", "must be a list of two rotors"],
+        ),
+        (
+            "wiring that changes in flight",
+            "kind = \"swapped\"\nrotors = [1, 2]\n",
+            ["fault[0].from_s = 35", "must be 0 with the kind `swapped`"],
+        ),
+        (
+            "a report of nothing",
+            "kind = \"command_delay\"\nrotors = [1]\ndelay_s = 0.01\nreported = true\n",
+            ["fault[0].reported = true", "must be false with the kind `command_delay`"],
+        ),
+        ("two that decide one rotor", second, ["fault[1].kind = hard_over", "than fault[0], `stuck`"]),
+    ] {
+        let line = refusal(FAULT, fault);
+        for part in says.into_iter().chain(["changed.toml"]) {
+            assert!(line.contains(part), "{why}: `{part}` is not in: {line}");
+        }
+    }
+}
+
+#[test]
+fn the_plant_without_motors_refuses_faults_of_motors() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("changed.toml");
+    change(&file, FAULT, "kind = \"hard_over\"\nrotors = [1]\n");
+    let text = std::fs::read_to_string(&file).expect("just written");
+    std::fs::write(&file, text.replace("\"rigid\"", "\"paper\"")).expect("written");
+    let line = refusal_of(&file, folder.path());
+    assert!(line.contains("fault[0].kind = hard_over: must be loss_of_effectiveness or swapped"), "{line}");
+}
+
+#[test]
+fn flights_that_come_down_are_counted_apart_from_crashes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("sinks.toml");
+    // A quarter of a metre above the ground, with 0.97 times its weight.
+    change(&file, "loss    = 0.4", "loss    = 0.56");
+    let path = |path: &Path| path.to_str().expect("a plain path").to_owned();
+    let text = std::fs::read_to_string(&file).expect("just written");
+    std::fs::write(&file, text.replace("[1.0, 1.0, 2.0]", "[1.0, 1.0, -0.7]")).expect("written");
+    let args = ["compare", &path(&file), "--controllers", "lgs", "--seeds", "2", "--out"];
+    let out = path(&folder.path().join("out"));
+    let table = String::from_utf8(sim_host(&[&args[..], &[&out]].concat()).stdout).expect("text");
+    assert!(table.contains("lgs came down in 2 of 2 flights, at worst at "), "{table}");
+    let json = sim_host(&[&args[..], &[&out, "--json"]].concat()).stdout;
+    let json: serde_json::Value = serde_json::from_slice(&json).expect("JSON");
+    let lgs = &json["controllers"]["lgs"];
+    assert_eq!((&lgs["survived"], &lgs["came_down"]), (&0.into(), &2.into()));
+    assert_eq!(lgs["crashes"].as_array().map(Vec::len), Some(0));
+    assert!(lgs["landings"][1]["speed_m_s"].as_f64() < Some(2.0));
 }
 
 #[test]

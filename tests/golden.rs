@@ -20,13 +20,16 @@ const SCENARIOS: [&str; 10] = [
     "raw_law_limits",
 ];
 
-/// Largest altitude deviation in the fault, mm, median of five flights, or how many crashed.
+/// Largest altitude deviation in the fault, mm, median of five flights, or how many crashed or came down.
 fn cell(scenario: &str, controller: ControllerName) -> String {
     let flights = fly(&shipped(scenario), controller, 1, 5);
     let crashed = flights.iter().filter(|flown| flown.crash.is_some()).count();
+    let down = flights.iter().filter(|flown| flown.landing.is_some()).count();
     let deviation = Metric::named("altitude_deviation_max_m").expect("a metric");
     match median_and_worst(&flights, deviation) {
+        _ if crashed > 0 && down > 0 => format!("{crashed} of 5 crash, {down} come down"),
         _ if crashed > 0 => format!("{crashed} of 5 crash"),
+        _ if down > 0 => format!("{down} of 5 come down"),
         Some((median, _)) => format!("{:.1}", 1000.0 * median),
         None => "–".to_owned(),
     }

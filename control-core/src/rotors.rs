@@ -79,6 +79,10 @@ impl RotorsConfig {
 const LOST: f32 = 0.7;
 /// Share of what a heading needs above which a rotor is taken back.
 const HEALED: f32 = 1.1;
+/// Share of the vertical residual that the next command takes away: all of it, on the robust law, swings when commands are 20 ms late.
+const VERTICAL: f32 = 0.4;
+/// Share of its maximum at which a stuck rotor leaves the facing one no room.
+const OVERBEARING: f32 = 0.8;
 /// Standard errors that make an estimate sure.
 const SURE: f32 = 2.0;
 /// Yaw rate at which a machine that cannot hold its heading is better off spinning, and at which it has stopped, rad/s.
@@ -129,7 +133,8 @@ pub(crate) struct Rotors<S> {
     columns: [Column<S>; 4],
     inertia_kg_m2: [S; 2],
     inertia_inverse: [S; 2],
-    mass_kg: S,
+    /// Mass times [`VERTICAL`], kg.
+    vertical_kg: S,
     filter_rad_s: S,
     incremental: bool,
     listens: bool,
@@ -137,6 +142,12 @@ pub(crate) struct Rotors<S> {
     lag_s: S,
     /// Share of its thrust that a rotor needs for a hover with heading.
     hover_share: S,
+    /// A quarter of the weight, N.
+    quarter_n: S,
+    /// Largest thrust of the weakest rotor, N.
+    thrust_n_max: S,
+    /// Yaw torque per thrust of each rotor, m.
+    turning_m: [S; 4],
     pub(crate) spin: Option<Spin<S>>,
 }
 
@@ -156,6 +167,8 @@ pub(crate) struct RotorsState<S: Scalar> {
     lag: Lag<S>,
     /// η_j.
     pub(crate) shares: [S; 4],
+    /// Thrust of a rotor that is stuck, whatever it is told, N; its share is zero.
+    stuck_n: [S; 4],
     /// Shares that somebody else knows.
     told: [Option<S>; 4],
     health: HealthState<S>,
@@ -175,6 +188,7 @@ impl<S: Scalar> RotorsState<S> {
             force: S::ZERO,
             lag: Lag::new(rotors.map_or(S::ONE, |rotors| rotors.lag_s)),
             shares: [S::ONE; 4],
+            stuck_n: [S::ZERO; 4],
             told: [None; 4],
             health: HealthState::new(),
             spinning: None,
@@ -209,12 +223,15 @@ impl<S: Scalar> Rotors<S> {
             columns: columns.map(|column| Column(column.map(s))),
             inertia_kg_m2: [s(ix), s(iy)],
             inertia_inverse: [s(1.0 / ix), s(1.0 / iy)],
-            mass_kg: s(airframe.mass_kg),
+            vertical_kg: s(VERTICAL * airframe.mass_kg),
             filter_rad_s: s(core::f32::consts::TAU * config.filter_hz),
             incremental: config.incremental,
             listens: config.knowledge != Knowledge::Assumed,
             health,
             lag_s: s(config.motor_lag_s),
+            quarter_n: s(airframe.weight_n() / 4.0),
+            thrust_n_max: s(airframe.rotors.iter().map(|r| r.thrust_n_max).fold(f32::INFINITY, f32::min)),
+            turning_m: [1.0, -1.0, 1.0, -1.0].map(|turn: f32| s(turn * airframe.torque_per_thrust_m)),
             hover_share: s(airframe.weight_n() / airframe.rotors.iter().map(|r| r.thrust_n_max).sum::<f32>()),
             spin: config.spin.map(|spin| Spin::try_new(&spin, airframe, config.motor_lag_s, control_hz)).transpose()?,
         })
@@ -241,7 +258,7 @@ impl<S: Scalar> Rotors<S> {
             let slope_n = motor.step(&mut state.made_n[j], command_n[j]);
             filter.step(&mut state.felt_n[j], state.made_n[j]);
             let share = state.shares[j];
-            let (thrust_n, slope_n) = (share * state.made_n[j], share * slope_n);
+            let (thrust_n, slope_n) = (share * state.made_n[j] + state.stuck_n[j], share * slope_n);
             let Column([roll, pitch, z]) = self.columns[j];
             made = [made[0] + roll * thrust_n, made[1] + pitch * thrust_n, made[2] + z * thrust_n];
             slope = [slope[0] + roll * slope_n, slope[1] + pitch * slope_n];
@@ -281,7 +298,7 @@ impl<S: Scalar> Rotors<S> {
         }
         let Residual([roll, pitch, force]) = *residual;
         Demand {
-            thrust_n: wanted.thrust_n + self.mass_kg * force,
+            thrust_n: wanted.thrust_n + self.vertical_kg * force,
             roll_nm: wanted.roll_nm - self.inertia_kg_m2[0] * roll,
             pitch_nm: wanted.pitch_nm - self.inertia_kg_m2[1] * pitch,
             yaw_nm: wanted.yaw_nm,
@@ -292,25 +309,48 @@ impl<S: Scalar> Rotors<S> {
     pub(crate) fn tilting_rad_s2(&self, state: &RotorsState<S>) -> [S; 2] {
         let mut sum = [S::ZERO; 2];
         for j in 0..4 {
-            let thrust_n = state.shares[j] * state.made_n[j];
+            let thrust_n = state.shares[j] * state.made_n[j] + state.stuck_n[j];
             let Column([roll, pitch, _]) = self.columns[j];
             sum = [sum[0] + roll * thrust_n, sum[1] + pitch * thrust_n];
         }
         sum
     }
 
+    /// What of `demand` is left for the rotors that are not stuck.
+    pub(crate) fn less_stuck(&self, state: &RotorsState<S>, demand: &Demand<S>) -> Demand<S> {
+        let mut left = *demand;
+        if state.health.has_stuck() {
+            for j in 0..4 {
+                let Column([roll, pitch, _]) = self.columns[j];
+                let thrust_n = state.stuck_n[j];
+                left.thrust_n = left.thrust_n - thrust_n;
+                left.roll_nm = left.roll_nm - self.inertia_kg_m2[0] * roll * thrust_n;
+                left.pitch_nm = left.pitch_nm - self.inertia_kg_m2[1] * pitch * thrust_n;
+                left.yaw_nm = left.yaw_nm - self.turning_m[j] * thrust_n;
+            }
+        }
+        left
+    }
+
+    /// Tells stuck rotors what a healthy one would do in a hover: when they do it, they are not stuck any more.
+    pub(crate) fn tell_stuck(&self, state: &RotorsState<S>, thrust_n: &mut [S; 4]) {
+        if state.health.has_stuck() {
+            for (j, thrust_n) in thrust_n.iter_mut().enumerate() {
+                if state.health.is_stuck(j) {
+                    *thrust_n = self.quarter_n;
+                }
+            }
+        }
+    }
+
     /// Whether to spin in this tick, and without which rotor.
     ///
     /// A rotor is done without if it surely makes less than [`LOST`] of what a heading needs, or if it makes less than that and the body
-    /// turns. It is taken back when it makes [`HEALED`] times that: then the body is braked, and heading returns when it hardly turns.
+    /// turns. Where one is stuck with much thrust, it is the facing one that cannot push as it should. It is taken back when all make
+    /// [`HEALED`] times what a heading needs: then the body is braked, and heading returns when it hardly turns.
     pub(crate) fn next_spinning(&self, state: &RotorsState<S>, yaw_rate_rad_s: S) -> Option<Spinning<S>> {
         let s = S::from_f32;
         let turns = yaw_rate_rad_s.abs();
-        if let Some(spinning) = state.spinning {
-            let healed = (s(HEALED) * self.hover_share).lt(state.shares[spinning.rotor]);
-            let done = healed & turns.lt(s(TURNING_RAD_S.1));
-            return (!done).all().then_some(Spinning { healed: healed.all(), ..spinning });
-        }
         let mut weakest = 0;
         for rotor in 1..4 {
             if state.shares[rotor].lt(state.shares[weakest]).all() {
@@ -318,9 +358,21 @@ impl<S: Scalar> Rotors<S> {
             }
         }
         let share = state.shares[weakest];
-        let surely = share + s(SURE) * state.health.uncertainty(weakest);
-        let lost = surely.lt(s(LOST) * self.hover_share);
+        if let Some(spinning) = state.spinning {
+            let healed = (s(HEALED) * self.hover_share).lt(share);
+            let done = healed & turns.lt(s(TURNING_RAD_S.1));
+            return (!done).all().then_some(Spinning { healed: healed.all(), ..spinning });
+        }
         let turning = share.lt(self.hover_share) & s(TURNING_RAD_S.0).lt(turns);
-        (lost | turning).all().then(|| Spinning::without(weakest))
+        let stuck_n = state.stuck_n[weakest];
+        let (lost, rotor) = if state.health.is_stuck(weakest) {
+            let facing = (weakest + 2) % 4;
+            let rotor = if self.quarter_n.lt(stuck_n).all() { facing } else { weakest };
+            ((s(OVERBEARING) * self.thrust_n_max).lt(stuck_n), rotor)
+        } else {
+            let surely = share + s(SURE) * state.health.uncertainty(weakest);
+            (surely.lt(s(LOST) * self.hover_share), weakest)
+        };
+        (lost | turning).all().then(|| Spinning::without(rotor))
     }
 }

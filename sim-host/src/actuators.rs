@@ -47,7 +47,8 @@ pub struct Vibration {
 
 /// What a controller may be told of the faults, rotor by rotor: the share of a command that the rotor still answers with.
 ///
-/// A rotor that is stopped, floats, has lost its motor, or is stuck or hard-over answers with nothing: 0.
+/// A rotor that is stopped, floats, has lost its motor, or is stuck or hard-over answers with nothing: 0. One that is reversed
+/// answers with a negative share.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Told {
     /// The shares of rotors under a fault that is reported; none for the others.
@@ -172,9 +173,9 @@ impl Actuators {
 
     /// A rotor that gets stuck keeps the thrust it has then.
     fn hold_stuck_rotors(&mut self, rotor_n: &[f64; 4]) {
-        for i in 0..4 {
+        for (i, &now_n) in rotor_n.iter().enumerate() {
             let stuck = self.on(i).find_map(|(fault, _)| match fault.fault().kind {
-                FaultKind::Stuck { thrust_n } => Some(thrust_n.unwrap_or(rotor_n[i])),
+                FaultKind::Stuck { thrust_n } => Some(thrust_n.unwrap_or(now_n)),
                 _ => None,
             });
             let rotor = &mut self.rotors[i];
@@ -186,7 +187,7 @@ impl Actuators {
     fn shake(&mut self, rotor_n: &[f64; 4]) -> Vibration {
         let mut vibration = Vibration::default();
         let inertia = Vector3::from(self.vehicle.inertia_kg_m2);
-        for i in 0..4 {
+        for (i, &thrust_n) in rotor_n.iter().enumerate() {
             let unbalance_kg_m: f64 = self
                 .on(i)
                 .filter_map(|(fault, level)| match fault.fault().kind {
@@ -194,7 +195,7 @@ impl Actuators {
                     _ => None,
                 })
                 .sum();
-            let speed_rad_s = libm::sqrt(rotor_n[i].max(0.0) / self.vehicle.thrust_coefficient_n_s2);
+            let speed_rad_s = libm::sqrt(thrust_n.max(0.0) / self.vehicle.thrust_coefficient_n_s2);
             // Rotors 1 and 3 turn counter-clockwise seen from above, against body z.
             let turn_rad_s = if i % 2 == 0 { -speed_rad_s } else { speed_rad_s };
             let angle_rad = &mut self.rotors[i].angle_rad;

@@ -49,7 +49,9 @@ impl<S: Scalar> Controller<S> {
                 rotors.demand(&wanted.with_torque(coupling), &residual)
             }
         };
-        let allocation = self.allocator.allocate_weakened(&demand, &state.rotors.shares);
+        let demand = rotors.less_stuck(&state.rotors, &demand);
+        let mut allocation = self.allocator.allocate_weakened(&demand, &state.rotors.shares);
+        rotors.tell_stuck(&state.rotors, &mut allocation.thrust_n);
         state.take(allocation);
     }
 }

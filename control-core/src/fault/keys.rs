@@ -115,17 +115,15 @@ macro_rules! fault_keys {
             fn parameters(&self) -> impl Iterator<Item = (&'static str, Option<f64>)> {
                 [$((stringify!($key), self.$key)),+].into_iter()
             }
-
-            fn without_parameters(self) -> Self {
-                Self { $($key: None,)+ ..self }
-            }
         }
 
         impl From<Fault> for FaultKeys {
             fn from(fault: Fault) -> Self {
                 let Fault { kind, rotors, from_s, until_s, profile, reported } = fault;
                 let name = kind.name();
-                kind.write(Self { kind: name, rotors, $($key: None,)+ from_s, until_s, profile, reported })
+                let mut keys = Self { kind: name, rotors, $($key: None,)+ from_s, until_s, profile, reported };
+                kind.write(&mut keys);
+                keys
             }
         }
     };
@@ -163,30 +161,33 @@ fault_keys! {
 }
 
 impl FaultKind {
-    /// `keys` with its parameters.
-    fn write(self, keys: FaultKeys) -> FaultKeys {
+    /// Puts its parameters into `keys`.
+    fn write(self, keys: &mut FaultKeys) {
         match self {
-            Self::Stopped | Self::HardOver | Self::Swapped => keys,
-            Self::LossOfEffectiveness { loss } => FaultKeys { loss: Some(loss), ..keys },
-            Self::Stuck { thrust_n } => FaultKeys { thrust_n, ..keys },
-            Self::Floating { spin_down_s } => FaultKeys { spin_down_s: Some(spin_down_s), ..keys },
+            Self::Stopped | Self::HardOver | Self::Swapped => {}
+            Self::LossOfEffectiveness { loss } => keys.loss = Some(loss),
+            Self::Stuck { thrust_n } => keys.thrust_n = thrust_n,
+            Self::Floating { spin_down_s } => keys.spin_down_s = Some(spin_down_s),
             Self::SlowMotor { lag_factor, rate_n_s_max } => {
-                FaultKeys { lag_factor: Some(lag_factor), rate_n_s_max, ..keys }
+                keys.lag_factor = Some(lag_factor);
+                keys.rate_n_s_max = rate_n_s_max;
             }
-            Self::CommandDelay { delay_s } => FaultKeys { delay_s: Some(delay_s), ..keys },
-            Self::CommandJitter { delay_s_max } => FaultKeys { delay_s_max: Some(delay_s_max), ..keys },
+            Self::CommandDelay { delay_s } => keys.delay_s = Some(delay_s),
+            Self::CommandJitter { delay_s_max } => keys.delay_s_max = Some(delay_s_max),
             Self::EscDesync { dropout_s, restart_s, recurrence } => {
-                let (period_s, rate_1_s) = match recurrence {
-                    Recurrence::Period { period_s } => (Some(period_s), None),
-                    Recurrence::Rate { rate_1_s } => (None, Some(rate_1_s)),
-                };
-                FaultKeys { dropout_s: Some(dropout_s), restart_s: Some(restart_s), period_s, rate_1_s, ..keys }
+                keys.dropout_s = Some(dropout_s);
+                keys.restart_s = Some(restart_s);
+                match recurrence {
+                    Recurrence::Period { period_s } => keys.period_s = Some(period_s),
+                    Recurrence::Rate { rate_1_s } => keys.rate_1_s = Some(rate_1_s),
+                }
             }
             Self::PropellerDamage { loss, unbalance_kg_m } => {
-                FaultKeys { loss: Some(loss), unbalance_kg_m: Some(unbalance_kg_m), ..keys }
+                keys.loss = Some(loss);
+                keys.unbalance_kg_m = Some(unbalance_kg_m);
             }
-            Self::BatterySag { sag } => FaultKeys { sag: Some(sag), ..keys },
-            Self::Reversed { share } => FaultKeys { share: Some(share), ..keys },
+            Self::BatterySag { sag } => keys.sag = Some(sag),
+            Self::Reversed { share } => keys.share = Some(share),
         }
     }
 
@@ -232,16 +233,16 @@ impl TryFrom<FaultKeys> for Fault {
     /// # Errors
     /// A key that the kind needs and that is left out, or one that it does not have.
     fn try_from(keys: FaultKeys) -> Result<Self, FaultError> {
-        let kind = FaultKind::read(&keys)?;
-        let known = kind.write(keys.without_parameters());
+        let FaultKeys { rotors, from_s, until_s, profile, reported, .. } = keys;
+        let fault = Self { kind: FaultKind::read(&keys)?, rotors, from_s, until_s, profile, reported };
+        let known = FaultKeys::from(fault);
         for ((key, given), (_, known)) in keys.parameters().zip(known.parameters()) {
             if let (Some(value), None) = (given, known) {
                 let (value, allowed) = (FaultValue::Number(value), Allowed::LeftOutWith(keys.kind));
                 return Err(FaultError { key, value, allowed });
             }
         }
-        let FaultKeys { rotors, from_s, until_s, profile, reported, .. } = keys;
-        Ok(Self { kind, rotors, from_s, until_s, profile, reported })
+        Ok(fault)
     }
 }
 

@@ -6,9 +6,13 @@
 //! S_i > S_max:  onset where S_i left zero;  loss = h_i'C⁻¹x̃ / (h_i'C⁻¹h_i ρ),   ρ = share of a step that passed the filter since
 //! ```
 //!
-//! Five hypotheses: each rotor alone, and all alike (battery, air). S_i is a log-likelihood ratio: "i lost the share d" against "nothing
+//! Nine hypotheses: each rotor alone, all alike (battery, air), and each rotor pulling more than it is told, which a stuck or a
+//! runaway one does: there h_i has the other sign. S_i is a log-likelihood ratio: "i lost the share d" against "nothing
 //! did", with n independent samples a second. C is diagonal: what the sensors' noise leaves in the residual, and ten times
 //! what the weather does, since gusts last and so are not independent.
+//!
+//! A rotor that pulls more than it is told is taken for stuck: its thrust is a number that is followed, whatever it is told, and it is told
+//! a quarter of the weight, until it pulls just that. It must lead by a handicap: the facing rotor's loss looks much the same.
 //!
 //! Once a hypothesis is found its factor is followed by normalised least squares, quickly while it is far off, slowly after; it is
 //! dropped when it has been whole for a while.
@@ -54,6 +58,7 @@ impl<S: Scalar> Alarm<S> {
     pub(super) fn to_f32(self) -> Alarm {
         Alarm {
             rotor: self.rotor,
+            stuck: self.stuck,
             onset_age_s: self.onset_age_s.to_f32(),
             loss: self.loss.to_f32(),
             confidence: self.confidence.to_f32(),
@@ -66,18 +71,33 @@ impl<S: Scalar> Alarm<S> {
 pub struct Alarm<S = f32> {
     /// The rotor, 0 to 3; `None` if all lost alike.
     pub rotor: Option<usize>,
+    /// Whether it pulls more than it is told.
+    pub stuck: bool,
     /// How long before the alarm it began, s.
     pub onset_age_s: S,
-    /// Share of the thrust that is lost now.
+    /// Share of the thrust that is lost now; of a stuck rotor, what a quarter of the weight exceeds its thrust by, as a share of it.
     pub loss: S,
     /// Probability that it is this one rather than the next likeliest, or none.
     pub confidence: S,
 }
 
+<<<<<<< HEAD
 /// Rotors 1 to 4, and all.
 pub const HYPOTHESES: usize = 5;
+=======
+/// Loss of rotors 1 to 4, of all, and excess of rotors 1 to 4.
+const HYPOTHESES: usize = 9;
+>>>>>>> main
 /// The hypothesis that all lose alike.
 const ALL: usize = 4;
+/// The first hypothesis of a rotor that pulls too much.
+const EXCESS: usize = 5;
+/// Excess that is looked for, share of the thrust: less is left to the incremental loop, which needs no culprit.
+const EXCESS_SOUGHT: f32 = 0.7;
+/// What an excess must have beyond the alarm, nats.
+const HANDICAP_NATS: f32 = 6.0;
+/// Distance of a stuck rotor from what it is told at which it is called whole, share of a quarter of the weight.
+const FOLLOWS: f32 = 0.12;
 /// What the weather counts for beyond its variance.
 const WEATHER: f32 = 10.0;
 /// Time over which the residual's mean is taken, s.
@@ -86,10 +106,17 @@ const MEAN_S: f32 = 10.0;
 const FOLLOW_S: (f32, f32) = (0.02, 0.25);
 /// Error of a factor that is far off.
 const FAR: f32 = 0.25;
+/// How long after the alarm the factor is taken as it is seen, s.
+const FRESH_S: f32 = 0.02;
+/// How long a factor may be followed fast, s, and what of it comes back in a second: a model that is wrong for another reason, such as a
+/// delay, must not swing.
+const HASTE: (f32, f32) = (0.15, 0.05);
 /// Loss below which a rotor is called whole, and for how long, s.
 const WHOLE: (f32, f32) = (0.06, 1.0);
 /// h'C⁻¹h below which a rotor pulls too little to be judged.
 const FAINT: f32 = 0.5;
+/// Largest thrust that a rotor is believed to be stuck at, over a quarter of the weight.
+const STUCK_MAX: f32 = 8.0;
 /// S beyond which nothing is added: it only says "certain".
 const NATS_MAX: f32 = 100.0;
 
@@ -98,11 +125,15 @@ const NATS_MAX: f32 = 100.0;
 pub(crate) struct Health<S> {
     /// Diagonal of C⁻¹.
     weights: [S; 3],
-    /// n d and n d²/2.
-    gain_per_s: S,
-    drift_per_s: S,
+    /// n d and n d²/2 of a loss.
+    loss_per_s: (S, S),
+    /// The same of an excess.
+    excess_per_s: (S, S),
     alarm_nats: S,
     mean_per_s: S,
+    /// A quarter of the weight, N, and its inverse.
+    quarter_n: S,
+    quarter_inverse: S,
 }
 
 /// What is known of one hypothesis.
@@ -113,11 +144,15 @@ struct Suspect<S> {
     risen: S,
     /// Time since S left zero; after the alarm, as it was then, s.
     age_s: S,
-    /// What is left: 1 less the loss.
+    /// What is left: 1 less the loss. Of a stuck rotor: its thrust over a quarter of the weight.
     factor: S,
     /// Lead over the next likeliest at the alarm, nats.
     lead_nats: S,
     whole_s: S,
+    /// How long what is seen is still taken as it is, s.
+    fresh_s: S,
+    /// How long it may still be followed fast, s.
+    haste_s: S,
     found: bool,
 }
 
@@ -130,16 +165,7 @@ pub(crate) struct HealthState<S> {
 
 impl<S: Scalar> HealthState<S> {
     pub(super) fn new() -> Self {
-        let suspect = Suspect {
-            nats: S::ZERO,
-            risen: S::ZERO,
-            age_s: S::ZERO,
-            factor: S::ONE,
-            lead_nats: S::ZERO,
-            whole_s: S::ZERO,
-            found: false,
-        };
-        Self { suspects: [suspect; HYPOTHESES], mean: [S::ZERO; 3] }
+        Self { suspects: [Suspect::innocent(); HYPOTHESES], mean: [S::ZERO; 3] }
     }
 
     /// Whether nothing is found, and nothing suspected.
@@ -151,20 +177,23 @@ impl<S: Scalar> HealthState<S> {
     pub(crate) fn alarm(&self) -> Option<Alarm<S>> {
         let mut worst: Option<(usize, &Suspect<S>)> = None;
         for (i, suspect) in self.suspects.iter().enumerate() {
-            if suspect.found && worst.is_none_or(|(_, w)| suspect.factor.lt(w.factor).all()) {
+            let worse = |(j, w): (usize, &Suspect<S>)| i >= EXCESS || j < EXCESS && suspect.factor.lt(w.factor).all();
+            if suspect.found && worst.is_none_or(worse) {
                 worst = Some((i, suspect));
             }
         }
         let (i, suspect) = worst?;
         let half = S::from_f32(0.5);
         Some(Alarm {
-            rotor: (i != ALL).then_some(i),
+            rotor: if i < ALL { Some(i) } else { i.checked_sub(EXCESS) },
+            stuck: i >= EXCESS,
             onset_age_s: suspect.age_s,
             loss: S::ONE - suspect.factor,
             confidence: half + half * crate::math::tanh(half * suspect.lead_nats),
         })
     }
 
+<<<<<<< HEAD
     /// S of each hypothesis.
     pub(super) fn nats(&self) -> [S; HYPOTHESES] {
         self.suspects.map(|suspect| suspect.nats)
@@ -176,8 +205,21 @@ impl<S: Scalar> HealthState<S> {
     }
 
     /// Standard error of what is known of rotor `j`: large just after the onset.
+=======
+    /// Standard error of the share of rotor `j`: large just after the onset.
+>>>>>>> main
     pub(crate) fn uncertainty(&self, j: usize) -> S {
         S::from_f32(0.08) / self.suspects[j].risen.max(S::from_f32(0.1))
+    }
+
+    /// Whether rotor `j` is stuck.
+    pub(super) fn is_stuck(&self, j: usize) -> bool {
+        self.suspects[EXCESS + j].found
+    }
+
+    /// Whether any rotor is stuck.
+    pub(super) fn has_stuck(&self) -> bool {
+        (0..4).any(|j| self.is_stuck(j))
     }
 }
 
@@ -211,16 +253,19 @@ impl<S: Scalar> Health<S> {
         let [ix, iy, _] = airframe.inertia_kg_m2;
         let independent_per_s = corner / 2.0;
         let s = S::from_f32;
+        let rates = |d: f32| (s(independent_per_s * d), s(independent_per_s * d * d / 2.0));
         Ok(Self {
             weights: [
                 weight(turning, torque_rms_nm / ix),
                 weight(turning, torque_rms_nm / iy),
                 weight(falling, force_rms_n / airframe.mass_kg),
             ],
-            gain_per_s: s(independent_per_s * loss),
-            drift_per_s: s(independent_per_s * loss * loss / 2.0),
+            loss_per_s: rates(loss),
+            excess_per_s: rates(EXCESS_SOUGHT),
             alarm_nats: s(alarm_nats),
             mean_per_s: s(1.0 / MEAN_S),
+            quarter_n: s(airframe.weight_n() / 4.0),
+            quarter_inverse: s(4.0 / airframe.weight_n()),
         })
     }
 
@@ -240,12 +285,17 @@ impl<S: Scalar> Health<S> {
             let Column(column) = columns[j];
             let felt_n = -state.felt_n[j];
             let (alone_n, shared_n) = (felt_n * all, felt_n * suspects[j].factor);
+            // A stuck rotor loses nothing; more of its thrust is so much of a quarter of the weight.
+            let stuck = suspects[EXCESS + j].found;
             for axis in 0..3 {
-                effects[j][axis] = column[axis] * alone_n;
+                effects[j][axis] = if stuck { S::ZERO } else { column[axis] * alone_n };
                 effects[ALL][axis] = effects[ALL][axis] + column[axis] * shared_n;
+                effects[EXCESS + j][axis] =
+                    if stuck { column[axis] * self.quarter_n } else { -effects[j][axis] };
             }
         }
         let Residual(x) = residual;
+        let lossy: [bool; 4] = core::array::from_fn(|j| suspects[j].found || suspects[ALL].found);
         let mut likeliest = (S::ZERO, S::ZERO, HYPOTHESES);
         let quiet = !suspects.iter().any(|suspect| suspect.found);
         for (i, (suspect, effect)) in suspects.iter_mut().zip(&effects).enumerate() {
@@ -255,22 +305,31 @@ impl<S: Scalar> Health<S> {
             let seen = hr_w * (x[0] - mean[0]) + hp_w * (x[1] - mean[1]) + hz_w * (x[2] - mean[2]);
             let size = hr_w * hr + hp_w * hp + hz_w * hz;
             if suspect.found {
-                let change = suspect.follow(seen, size, filter, dt_s);
+                let explained = if i < EXCESS {
+                    suspect.follow(seen, size, filter, dt_s)
+                } else {
+                    let told = state.made_n[i - EXCESS] * self.quarter_inverse;
+                    suspect.follow_stuck(seen, size, told, filter, dt_s)
+                };
                 for axis in 0..3 {
-                    x[axis] = x[axis] - change * effect[axis];
+                    x[axis] = x[axis] - explained * effect[axis];
                 }
                 continue;
             }
-            let slope = self.gain_per_s * seen - self.drift_per_s * size;
+            // What comes back from a loss is no excess.
+            let (gain, drift) = if i < EXCESS { self.loss_per_s } else { self.excess_per_s };
+            let known = i >= EXCESS && lossy[i - EXCESS];
+            let slope = if known { -size } else { gain * seen - drift * size };
             suspect.nats = (suspect.nats + slope * dt_s).clamp(S::ZERO, S::from_f32(NATS_MAX));
             let rising = S::ZERO.lt(suspect.nats);
             filter.step(&mut suspect.risen, S::ONE);
             suspect.risen = S::select(rising, suspect.risen, S::ZERO);
             suspect.age_s = S::select(rising, suspect.age_s + dt_s, S::ZERO);
-            if likeliest.0.lt(suspect.nats).all() {
-                likeliest = (suspect.nats, likeliest.0, i);
+            let nats = if i < EXCESS { suspect.nats } else { suspect.nats - S::from_f32(HANDICAP_NATS) };
+            if likeliest.0.lt(nats).all() {
+                likeliest = (nats, likeliest.0, i);
             } else {
-                likeliest.1 = likeliest.1.max(suspect.nats);
+                likeliest.1 = likeliest.1.max(nats);
             }
         }
         let (nats, next, i) = likeliest;
@@ -280,6 +339,11 @@ impl<S: Scalar> Health<S> {
             }
             suspects[i].found = true;
             suspects[i].lead_nats = nats - next;
+            if let Some(j) = i.checked_sub(EXCESS) {
+                // From here on its thrust is a number: what it was believed to be.
+                suspects[i].factor = state.felt_n[j] * all * suspects[j].factor * self.quarter_inverse;
+                suspects[j] = Suspect::innocent();
+            }
         } else if quiet {
             let keep = self.mean_per_s * dt_s;
             for axis in 0..3 {
@@ -291,7 +355,14 @@ impl<S: Scalar> Health<S> {
         state.force = x[2];
         let all = suspects[ALL].factor;
         for j in 0..4 {
-            state.shares[j] = state.told[j].unwrap_or(all * suspects[j].factor);
+            let excess = &suspects[EXCESS + j];
+            let (share, stuck_n) = if excess.found {
+                (S::ZERO, excess.factor * self.quarter_n)
+            } else {
+                (all * suspects[j].factor, S::ZERO)
+            };
+            state.shares[j] = state.told[j].unwrap_or(share);
+            state.stuck_n[j] = stuck_n;
         }
     }
 }
@@ -301,21 +372,57 @@ impl<S: Scalar> Suspect<S> {
     fn follow(&mut self, seen: S, size: S, filter: &LowPass<S>, dt_s: S) -> S {
         let s = S::from_f32;
         let error = seen / ((size + s(FAINT)) * self.risen);
-        let fresh = self.risen.lt(s(0.95));
-        let time_s = S::select(s(FAR).lt(error.abs()), s(FOLLOW_S.0), s(FOLLOW_S.1));
-        let step = S::select(fresh, error, error * (dt_s / time_s).min(S::ONE));
         let before = self.factor;
-        self.factor = (before - step).clamp(S::ZERO, S::ONE);
+        self.factor = (before - self.stride(error, dt_s)).clamp(S::ZERO, S::ONE);
         let change = (before - self.factor) * self.risen;
         filter.step(&mut self.risen, S::ONE);
-        let whole = s(1.0 - WHOLE.0).lt(self.factor);
-        self.whole_s = S::select(whole, self.whole_s + dt_s, S::ZERO);
-        if s(WHOLE.1).lt(self.whole_s).all() {
-            self.found = false;
-            self.factor = S::ONE;
-            self.whole_s = S::ZERO;
-            self.nats = S::ZERO;
-        }
+        self.acquit(s(1.0 - WHOLE.0).lt(self.factor), dt_s);
         change
+    }
+
+    /// Follows the thrust of a stuck rotor that is told `told`, both over a quarter of the weight; returns how much more it explains.
+    fn follow_stuck(&mut self, seen: S, size: S, told: S, filter: &LowPass<S>, dt_s: S) -> S {
+        let s = S::from_f32;
+        let error = seen / (size * self.risen);
+        let before = self.factor;
+        self.factor = (before + self.stride(error, dt_s)).clamp(S::ZERO, s(STUCK_MAX));
+        let change = (self.factor - before) * self.risen;
+        filter.step(&mut self.risen, S::ONE);
+        self.acquit((self.factor - told).abs().lt(s(FOLLOWS)), dt_s);
+        change
+    }
+
+    /// How far to go when `error` away: all of it just after the onset, fast while far off and there is haste left, else slowly.
+    fn stride(&mut self, error: S, dt_s: S) -> S {
+        let s = S::from_f32;
+        let fresh = self.risen.lt(s(0.95)) | S::ZERO.lt(self.fresh_s);
+        self.fresh_s = (self.fresh_s - dt_s).max(S::ZERO);
+        let hurry = s(FAR).lt(error.abs()) & S::ZERO.lt(self.haste_s);
+        let spent = S::select(hurry, dt_s, -(dt_s * s(HASTE.1)));
+        self.haste_s = (self.haste_s - spent).min(s(HASTE.0));
+        let time_s = S::select(hurry, s(FOLLOW_S.0), s(FOLLOW_S.1));
+        S::select(fresh, error, error * (dt_s / time_s).min(S::ONE))
+    }
+
+    /// Drops the suspicion when it has been whole for long enough.
+    fn acquit(&mut self, whole: S::Mask, dt_s: S) {
+        self.whole_s = S::select(whole, self.whole_s + dt_s, S::ZERO);
+        if S::from_f32(WHOLE.1).lt(self.whole_s).all() {
+            *self = Self::innocent();
+        }
+    }
+
+    fn innocent() -> Self {
+        Self {
+            nats: S::ZERO,
+            risen: S::ZERO,
+            age_s: S::ZERO,
+            factor: S::ONE,
+            lead_nats: S::ZERO,
+            whole_s: S::ZERO,
+            fresh_s: S::from_f32(FRESH_S),
+            haste_s: S::from_f32(HASTE.0),
+            found: false,
+        }
     }
 }
