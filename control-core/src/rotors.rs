@@ -95,7 +95,7 @@ pub struct RotorsTelemetry<S = f32> {
     pub shares: [S; 4],
     /// The worst loss that was found.
     pub alarm: Option<Alarm<S>>,
-    /// The detector's cumulative sums: rotors 1 to 4 and all, nats.
+    /// The detector's cumulative sums as it compares them, nats: loss of rotors 1 to 4, of all, excess of rotors 1 to 4.
     pub nats: [S; HYPOTHESES],
     /// Which of these are found.
     pub found: [bool; HYPOTHESES],

@@ -145,12 +145,16 @@ impl Roc {
 mod tests {
     use super::*;
 
+    fn sums(first: [f32; 2]) -> [f32; HYPOTHESES] {
+        std::array::from_fn(|i| first.get(i).copied().unwrap_or(0.0))
+    }
+
     #[test]
     fn a_threshold_is_passed_once_and_by_the_likeliest() {
         let mut passages = Passages::default();
-        passages.note(&[3.0, 0.0, 0.0, 0.0, 0.0], 1, -0.1);
-        passages.note(&[3.0, 20.0, 0.0, 0.0, 0.0], 1, 0.05);
-        passages.note(&[90.0, 20.0, 0.0, 0.0, 0.0], 1, 0.15);
+        passages.note(&sums([3.0, 0.0]), 1, -0.1);
+        passages.note(&sums([3.0, 20.0]), 1, 0.05);
+        passages.note(&sums([90.0, 20.0]), 1, 0.15);
         let levels = *THRESHOLDS_NATS;
         let at = |nats: f32| levels.iter().position(|&level| level > nats).expect("within");
         assert!(!passages.detected(0, 0.1), "passed before the onset");
@@ -163,7 +167,7 @@ mod tests {
     fn a_healthy_excursion_is_one_false_alarm_of_every_threshold_below_its_peak() {
         let mut crossings = Crossings::default();
         for most in [0.0, 5.0, 4.0, 5.0, 1.0, 5.0, 0.0, 11.0] {
-            crossings.note(&[most, 0.0, 0.0, 0.0, 0.0]);
+            crossings.note(&sums([most, 0.0]));
         }
         let mut roc = Roc::new(12.0);
         roc.note_healthy(&crossings);
