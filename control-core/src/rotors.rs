@@ -30,7 +30,7 @@ use crate::{Demand, Mask, Scalar};
 mod health;
 mod lag;
 
-pub use health::{Alarm, DetectorConfig};
+pub use health::{Alarm, DetectorConfig, HYPOTHESES};
 use health::{Health, HealthState};
 use lag::Lag;
 
@@ -95,6 +95,10 @@ pub struct RotorsTelemetry<S = f32> {
     pub shares: [S; 4],
     /// The worst loss that was found.
     pub alarm: Option<Alarm<S>>,
+    /// The detector's cumulative sums as it compares them, nats: loss of rotors 1 to 4, of all, excess of rotors 1 to 4.
+    pub nats: [S; HYPOTHESES],
+    /// Which of these are found.
+    pub found: [bool; HYPOTHESES],
     /// Time constant of a rotor's thrust, s.
     pub lag_s: S,
     /// The rotor without which the machine spins, 0 to 3.
@@ -107,6 +111,8 @@ impl<S: Scalar> RotorsTelemetry<S> {
         RotorsTelemetry {
             shares: self.shares.map(S::to_f32),
             alarm: self.alarm.map(Alarm::to_f32),
+            nats: self.nats.map(S::to_f32),
+            found: self.found,
             lag_s: self.lag_s.to_f32(),
             spinning: self.spinning,
         }
@@ -201,6 +207,8 @@ impl<S: Scalar> RotorsState<S> {
         RotorsTelemetry {
             shares: self.shares,
             alarm: self.health.alarm(),
+            nats: self.health.nats(),
+            found: self.health.found(),
             lag_s: self.lag.lag_s(),
             spinning: self.spinning.map(|spinning| spinning.rotor),
         }

@@ -19,6 +19,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+mod detect;
+
 /// Flies quadrotors that lose thrust, and compares the controllers that keep them up.
 #[derive(Parser)]
 #[command(name = "sim-host", version, after_help = "Without a command: sim-host compare scenarios/paper.toml")]
@@ -33,6 +35,8 @@ enum Command {
     Fly(FlyArgs),
     /// Fly the same flights under each controller: a table, report.html, results.json, logs and figures.
     Compare(CompareArgs),
+    /// Fly the detector through silent losses and healthy hours: delays, misses, false alarms and the ROC.
+    Detect(detect::DetectArgs),
     /// Print the largest loss of thrust that a hover survives, by linear program.
     Limits(LimitsArgs),
     /// Print the JSON Schema of a scenario.
@@ -100,6 +104,9 @@ struct CompareArgs {
 /// Default rows of a log a second: beyond what a rigid body shows.
 const LOG_HZ: u32 = 100;
 
+/// Losses of the detector's campaign, %.
+const LOSSES_PERCENT: [u32; 10] = [10, 20, 30, 40, 50, 60, 70, 80, 90, 100];
+
 /// What the main job flies.
 const MAIN_SCENARIO: &str = "scenarios/paper.toml";
 
@@ -116,6 +123,7 @@ pub fn run() -> ExitCode {
     let result = match &command {
         Command::Fly(args) => fly(args),
         Command::Compare(args) => compare(args),
+        Command::Detect(args) => detect::detect(args),
         Command::Limits(args) => limits(args),
         Command::Schema => schema(),
     };
@@ -161,7 +169,12 @@ fn refused(scenario: &Path, controller: ControllerName) -> impl FnOnce(control_c
 
 /// The folder for results; refused before anything is flown if it is something else.
 fn folder(out: Option<&PathBuf>, scenario: &Path) -> Result<PathBuf, Failure> {
-    let folder = out.cloned().unwrap_or_else(|| Path::new("out").join(name_of(scenario)));
+    folder_in(out, Path::new("out"), scenario)
+}
+
+/// The same, with its default elsewhere.
+fn folder_in(out: Option<&PathBuf>, default: &Path, scenario: &Path) -> Result<PathBuf, Failure> {
+    let folder = out.cloned().unwrap_or_else(|| default.join(name_of(scenario)));
     if folder.exists() && !folder.is_dir() {
         return Err(Failure::bad_input(format!("--out = {}: is not a folder", folder.display())));
     }

@@ -15,6 +15,7 @@ use std::fmt::Write;
 mod html;
 
 pub use html::Page;
+pub(crate) use html::{STYLE, escaped};
 
 /// The flights of one controller.
 pub struct Entry {
@@ -232,7 +233,9 @@ impl Comparison<'_> {
     /// Whether nothing but the controller itself moves the machine before the fault.
     fn is_calm(&self) -> bool {
         let wind = &self.scenario.wind;
-        wind.gust_rms_n == 0.0 && wind.torque_rms_nm == 0.0 && !matches!(self.scenario.reference, Reference::Helix(_))
+        wind.gust_rms_n == 0.0
+            && wind.torque_rms_nm == 0.0
+            && !matches!(self.scenario.reference, Reference::Helix(_) | Reference::Weave(_))
     }
 
     /// Each fault beside the largest that a hover of this machine survives at all.

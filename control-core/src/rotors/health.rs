@@ -45,7 +45,7 @@ impl DetectorConfig {
     /// The sensors and the weather of the shipped scenarios.
     pub const NOMINAL: Self = Self {
         loss: 0.3,
-        alarm_nats: 12.0,
+        alarm_nats: 8.0,
         gyro_noise_rad_s: 0.01,
         accelerometer_noise_m_s2: 0.2,
         torque_rms_nm: 0.01,
@@ -82,7 +82,7 @@ pub struct Alarm<S = f32> {
 }
 
 /// Loss of rotors 1 to 4, of all, and excess of rotors 1 to 4.
-const HYPOTHESES: usize = 9;
+pub const HYPOTHESES: usize = 9;
 /// The hypothesis that all lose alike.
 const ALL: usize = 4;
 /// The first hypothesis of a rotor that pulls too much.
@@ -188,6 +188,16 @@ impl<S: Scalar> HealthState<S> {
         })
     }
 
+    /// S of each hypothesis, less its handicap.
+    pub(super) fn nats(&self) -> [S; HYPOTHESES] {
+        core::array::from_fn(|i| self.suspects[i].judged(i))
+    }
+
+    /// Which hypotheses are found.
+    pub(super) fn found(&self) -> [bool; HYPOTHESES] {
+        self.suspects.map(|suspect| suspect.found)
+    }
+
     /// Standard error of the share of rotor `j`: large just after the onset.
     pub(crate) fn uncertainty(&self, j: usize) -> S {
         S::from_f32(0.08) / self.suspects[j].risen.max(S::from_f32(0.1))
@@ -271,8 +281,7 @@ impl<S: Scalar> Health<S> {
             for axis in 0..3 {
                 effects[j][axis] = if stuck { S::ZERO } else { column[axis] * alone_n };
                 effects[ALL][axis] = effects[ALL][axis] + column[axis] * shared_n;
-                effects[EXCESS + j][axis] =
-                    if stuck { column[axis] * self.quarter_n } else { -effects[j][axis] };
+                effects[EXCESS + j][axis] = if stuck { column[axis] * self.quarter_n } else { -effects[j][axis] };
             }
         }
         let Residual(x) = residual;
@@ -306,7 +315,7 @@ impl<S: Scalar> Health<S> {
             filter.step(&mut suspect.risen, S::ONE);
             suspect.risen = S::select(rising, suspect.risen, S::ZERO);
             suspect.age_s = S::select(rising, suspect.age_s + dt_s, S::ZERO);
-            let nats = if i < EXCESS { suspect.nats } else { suspect.nats - S::from_f32(HANDICAP_NATS) };
+            let nats = suspect.judged(i);
             if likeliest.0.lt(nats).all() {
                 likeliest = (nats, likeliest.0, i);
             } else {
@@ -349,6 +358,11 @@ impl<S: Scalar> Health<S> {
 }
 
 impl<S: Scalar> Suspect<S> {
+    /// S of hypothesis `i` as it is compared.
+    fn judged(&self, i: usize) -> S {
+        if i < EXCESS { self.nats } else { self.nats - S::from_f32(HANDICAP_NATS) }
+    }
+
     /// Follows the factor; returns what of the effect of a total loss this explains.
     fn follow(&mut self, seen: S, size: S, filter: &LowPass<S>, dt_s: S) -> S {
         let s = S::from_f32;
