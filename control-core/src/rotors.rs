@@ -224,7 +224,7 @@ impl<S: Scalar> Rotors<S> {
         let columns = airframe.rotors.map(|r| [-r.right_m / ix, r.forward_m / iy, -1.0 / airframe.mass_kg]);
         let health = match config.knowledge {
             Knowledge::Assumed | Knowledge::Told => None,
-            Knowledge::Estimated(detector) => Some(Health::try_new(&detector, airframe, config.filter_hz, control_hz)?),
+            Knowledge::Estimated(detector) => Some(Health::try_new(&detector, airframe, &columns, config.filter_hz, control_hz)?),
         };
         Ok(Self {
             columns: columns.map(|column| Column(column.map(s))),
@@ -291,9 +291,8 @@ impl<S: Scalar> Rotors<S> {
         filter.step(&mut state.force, force_z_m_s2 - made[2]);
         let mut residual = Residual([roll, pitch, state.force]);
         if let Some(health) = &self.health {
-            if state.health.is_calm() {
-                state.lag.learn(slope, [roll, pitch], &motor, &filter, dt_s);
-            }
+            let calm = || state.health.is_calm();
+            state.lag.learn(slope, [roll, pitch], &motor, &filter, calm, dt_s);
             health.step(state, &self.columns, &mut residual, &filter, dt_s);
         }
         residual
@@ -303,9 +302,8 @@ impl<S: Scalar> Rotors<S> {
     pub(crate) fn listen(&self, state: &mut RotorsState<S>, shares: [Option<S>; 4]) {
         if self.listens {
             state.told = shares.map(|share| Some(share?.clamp(S::ZERO, S::ONE)));
-            let unknown = |share| if self.health.is_some() { share } else { S::ONE };
-            for (share, told) in state.shares.iter_mut().zip(state.told) {
-                *share = told.unwrap_or(unknown(*share));
+            for j in 0..4 {
+                state.shares[j] = state.told[j].unwrap_or(state.health.share(j));
             }
         }
     }
