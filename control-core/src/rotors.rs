@@ -387,7 +387,9 @@ impl<S: Scalar> Rotors<S> {
             let rotor = if self.quarter_n.lt(stuck_n).all() { facing } else { weakest };
             ((s(OVERBEARING) * self.thrust_n_max).lt(stuck_n), rotor)
         } else {
-            let surely = share + s(SURE) * state.health.uncertainty(weakest);
+            let told = state.told[weakest].is_some();
+            let doubt = if told { S::ZERO } else { s(SURE) * state.health.uncertainty(weakest) };
+            let surely = share + doubt;
             (surely.lt(s(LOST) * self.hover_share), weakest)
         };
         (lost | turning).all().then(|| Spinning::without(rotor))

@@ -40,6 +40,10 @@ const LIMITER_RAD_S: (f32, f32) = (19.0, 29.0);
 
 /// Tangent of the largest tilt asked for, 0.9 rad.
 const TAN_TILT_MAX: f32 = 1.260_158_2;
+/// Spin from which on the thrust may be pointed that far, rad/s, and the share of it that is asked for without any: until the body
+/// spins, roll goes one way only.
+const ABLE_RAD_S: f32 = 12.0;
+const LEAST_ABLE: f32 = 0.3;
 /// Smallest share of the thrust taken to point up.
 const UPRIGHT_MIN: f32 = 0.3;
 
@@ -118,6 +122,13 @@ impl<S: Scalar> Spinning<S> {
         low_pass.step(&mut self.wind_m_s2[0], push.x);
         low_pass.step(&mut self.wind_m_s2[1], push.y);
     }
+}
+
+/// What is wrong with the position, and what the setpoint does anyway.
+pub(crate) struct Wanted<S> {
+    pub(crate) error_m: Vec3<Ned, S>,
+    pub(crate) error_m_s: Vec3<Ned, S>,
+    pub(crate) forward_m_s2: Vec3<Ned, S>,
 }
 
 /// What the law needs to know in one tick.
@@ -271,18 +282,20 @@ impl<S: Scalar> Spin<S> {
     pub(crate) fn aim(
         &self,
         spinning: &Spinning<S>,
-        error_m: Vec3<Ned, S>,
-        error_m_s: Vec3<Ned, S>,
+        wanted: &Wanted<S>,
         up_n: S,
+        spin_rad_s: S,
         attitude: &Attitude<S>,
     ) -> (Vec3<Body, S>, S) {
         let [kp, kd] = self.outer;
         let s = S::from_f32;
         let up = (up_n / self.mass_kg).max(s(0.3 * GRAVITY_M_S2));
-        let mut north = kp * error_m.x + kd * error_m_s.x - spinning.wind_m_s2[0];
-        let mut east = kp * error_m.y + kd * error_m_s.y - spinning.wind_m_s2[1];
+        let Wanted { error_m, error_m_s, forward_m_s2 } = wanted;
+        let mut north = kp * error_m.x + kd * error_m_s.x + forward_m_s2.x - spinning.wind_m_s2[0];
+        let mut east = kp * error_m.y + kd * error_m_s.y + forward_m_s2.y - spinning.wind_m_s2[1];
         let wide = (north * north + east * east).sqrt();
-        let most = s(TAN_TILT_MAX) * up;
+        let able = (spin_rad_s.abs() * s(1.0 / ABLE_RAD_S)).clamp(s(LEAST_ABLE), S::ONE);
+        let most = s(TAN_TILT_MAX) * up * able;
         let share = most / wide.max(most);
         (north, east) = (north * share, east * share);
         let inverse = S::ONE / (north * north + east * east + up * up).sqrt();

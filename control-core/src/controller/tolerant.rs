@@ -13,7 +13,7 @@ use super::{Controller, Errors, State};
 use crate::guidance::Angles;
 use crate::rotors::Rotors;
 use crate::signals::Input;
-use crate::spin::SpinInput;
+use crate::spin::{SpinInput, Wanted};
 use crate::{Demand, Scalar};
 
 impl<S: Scalar> Controller<S> {
@@ -37,8 +37,12 @@ impl<S: Scalar> Controller<S> {
                 let up_n = self.altitude(state, errors, dt_s);
                 spinning.feel_wind(input, &residual, dt_s);
                 state.rotors.spinning = Some(spinning);
-                let (pointing, thrust_n) =
-                    spin.aim(&spinning, errors.position_m, errors.velocity_m_s, up_n, &input.attitude);
+                let wanted = Wanted {
+                    error_m: errors.position_m,
+                    error_m_s: errors.velocity_m_s,
+                    forward_m_s2: input.setpoint.acceleration_m_s2,
+                };
+                let (pointing, thrust_n) = spin.aim(&spinning, &wanted, up_n, rate.z, &input.attitude);
                 let tilting_rad_s2 = rotors.tilting_rad_s2(&state.rotors);
                 let [roll_nm, pitch_nm] = spin.torque_nm(&spinning, &SpinInput { tilting_rad_s2, pointing, rate });
                 Demand { thrust_n, roll_nm, pitch_nm, yaw_nm: self.brake_nm(rate.z) }
