@@ -9,7 +9,9 @@
 //! Nine hypotheses: each rotor alone, all alike (battery, air), and each rotor pulling more than it is told, which a stuck or a
 //! runaway one does: there h_i has the other sign. S_i is a log-likelihood ratio: "i lost the share d" against "nothing
 //! did", with n independent samples a second. C is diagonal: what the sensors' noise leaves in the residual, and ten times
-//! what the weather does, since gusts last and so are not independent.
+//! what the weather does, since gusts last and so are not independent. The weather is measured: its variance is what x̃ has had of late
+//! beyond the noise, and at least what the configuration says. A single sample counts for three standard deviations at most, so that
+//! a fault is found before it passes for weather. At first it is taken for bad, and what was seen counts for a short time only.
 //!
 //! A rotor that pulls more than it is told is taken for stuck: its thrust is a number that is followed, whatever it is told, and it is told
 //! a quarter of the weight, until it pulls just that. It must lead by a handicap: the facing rotor's loss looks much the same.
@@ -45,7 +47,7 @@ impl DetectorConfig {
     /// The sensors and the weather of the shipped scenarios.
     pub const NOMINAL: Self = Self {
         loss: 0.3,
-        alarm_nats: 8.0,
+        alarm_nats: 7.0,
         gyro_noise_rad_s: 0.01,
         accelerometer_noise_m_s2: 0.2,
         torque_rms_nm: 0.01,
@@ -95,7 +97,13 @@ const HANDICAP_NATS: f32 = 6.0;
 const FOLLOWS: f32 = 0.12;
 /// What the weather counts for beyond its variance.
 const WEATHER: f32 = 10.0;
-/// Time over which the residual's mean is taken, s.
+/// What one sample's square counts for at most, over the variance.
+const OUTLIER: f32 = 9.0;
+/// Variance that the weather has at first, over the least.
+const WARY: f32 = 9.0;
+/// Time over which the variance is taken at first, s; it grows with the flight up to [`MEAN_S`].
+const WARY_S: f32 = 0.3;
+/// Time over which the residual's mean and variance are taken, s.
 const MEAN_S: f32 = 10.0;
 /// Times in which a found factor is followed: while far off, and else, s.
 const FOLLOW_S: (f32, f32) = (0.02, 0.25);
@@ -118,8 +126,10 @@ const NATS_MAX: f32 = 100.0;
 /// The detector, configured.
 #[derive(Clone, Debug)]
 pub(crate) struct Health<S> {
-    /// Diagonal of C⁻¹.
-    weights: [S; 3],
+    /// Variance that the sensors' noise leaves in the residual.
+    noise: [S; 3],
+    /// Least variance of the weather in it.
+    calm: [S; 3],
     /// n d and n d²/2 of a loss.
     loss_per_s: (S, S),
     /// The same of an excess.
@@ -156,11 +166,20 @@ struct Suspect<S> {
 pub(crate) struct HealthState<S> {
     suspects: [Suspect<S>; HYPOTHESES],
     mean: [S; 3],
+    /// Variance of the weather in the residual.
+    weather: [S; 3],
+    /// Time over which that is taken, s; zero before the first sample.
+    memory_s: S,
 }
 
 impl<S: Scalar> HealthState<S> {
     pub(super) fn new() -> Self {
-        Self { suspects: [Suspect::innocent(); HYPOTHESES], mean: [S::ZERO; 3] }
+        Self {
+            suspects: [Suspect::innocent(); HYPOTHESES],
+            mean: [S::ZERO; 3],
+            weather: [S::ZERO; 3],
+            memory_s: S::ZERO,
+        }
     }
 
     /// Whether nothing is found, and nothing suspected.
@@ -240,17 +259,13 @@ impl<S: Scalar> Health<S> {
         let kept = slope / (2.0 * control_hz - slope);
         let turning = square(slope * gyro_noise_rad_s) * (1.0 + kept);
         let falling = square(accelerometer_noise_m_s2) * kept;
-        let weight = |noise: f32, weather: f32| S::from_f32(1.0 / (noise + WEATHER * square(weather)));
         let [ix, iy, _] = airframe.inertia_kg_m2;
         let independent_per_s = corner / 2.0;
         let s = S::from_f32;
         let rates = |d: f32| (s(independent_per_s * d), s(independent_per_s * d * d / 2.0));
         Ok(Self {
-            weights: [
-                weight(turning, torque_rms_nm / ix),
-                weight(turning, torque_rms_nm / iy),
-                weight(falling, force_rms_n / airframe.mass_kg),
-            ],
+            noise: [turning, turning, falling].map(s),
+            calm: [torque_rms_nm / ix, torque_rms_nm / iy, force_rms_n / airframe.mass_kg].map(|x| s(square(x))),
             loss_per_s: rates(loss),
             excess_per_s: rates(EXCESS_SOUGHT),
             alarm_nats: s(alarm_nats),
@@ -269,7 +284,7 @@ impl<S: Scalar> Health<S> {
         filter: &LowPass<S>,
         dt_s: S,
     ) {
-        let HealthState { suspects, mean } = &mut state.health;
+        let HealthState { suspects, mean, weather, memory_s } = &mut state.health;
         let all = suspects[ALL].factor;
         let mut effects = [[S::ZERO; 3]; HYPOTHESES];
         for j in 0..4 {
@@ -285,11 +300,27 @@ impl<S: Scalar> Health<S> {
             }
         }
         let Residual(x) = residual;
+        let quiet = !suspects.iter().any(|suspect| suspect.found);
+        if !S::ZERO.lt(*memory_s).all() {
+            *weather = self.calm.map(|calm| calm * S::from_f32(WARY));
+            *memory_s = S::from_f32(WARY_S);
+        }
+        *memory_s = (*memory_s + dt_s).min(S::from_f32(MEAN_S));
+        let keep = dt_s / *memory_s;
+        let mut weights = [S::ZERO; 3];
+        for axis in 0..3 {
+            if quiet {
+                let all = self.noise[axis] + weather[axis];
+                let seen = x[axis] - mean[axis];
+                let change = (seen * seen).min(all * S::from_f32(OUTLIER)) - all;
+                weather[axis] = (weather[axis] + keep * change).max(self.calm[axis]);
+            }
+            weights[axis] = S::ONE / (self.noise[axis] + weather[axis] * S::from_f32(WEATHER));
+        }
         let lossy: [bool; 4] = core::array::from_fn(|j| suspects[j].found || suspects[ALL].found);
         let mut likeliest = (S::ZERO, S::ZERO, HYPOTHESES);
-        let quiet = !suspects.iter().any(|suspect| suspect.found);
         for (i, (suspect, effect)) in suspects.iter_mut().zip(&effects).enumerate() {
-            let [wr, wp, wz] = self.weights;
+            let [wr, wp, wz] = weights;
             let [hr, hp, hz] = *effect;
             let (hr_w, hp_w, hz_w) = (hr * wr, hp * wp, hz * wz);
             let seen = hr_w * (x[0] - mean[0]) + hp_w * (x[1] - mean[1]) + hz_w * (x[2] - mean[2]);
