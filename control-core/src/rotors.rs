@@ -148,6 +148,8 @@ pub(crate) struct Rotors<S> {
     thrust_n_max: S,
     /// Yaw torque per thrust of each rotor, m.
     turning_m: [S; 4],
+    /// Angular momentum about body z of each rotor, per square root of its thrust.
+    momentum: [S; 4],
     pub(crate) spin: Option<Spin<S>>,
 }
 
@@ -171,6 +173,9 @@ pub(crate) struct RotorsState<S: Scalar> {
     stuck_n: [S; 4],
     /// Shares that somebody else knows.
     told: [Option<S>; 4],
+    /// Angular momentum of each rotor about body z, N m s, and whose is next.
+    momentum_nm_s: [S; 4],
+    turn: usize,
     health: HealthState<S>,
     /// The spin, if heading is given up.
     pub(crate) spinning: Option<Spinning<S>>,
@@ -190,6 +195,8 @@ impl<S: Scalar> RotorsState<S> {
             shares: [S::ONE; 4],
             stuck_n: [S::ZERO; 4],
             told: [None; 4],
+            momentum_nm_s: [S::ZERO; 4],
+            turn: 0,
             health: HealthState::new(),
             spinning: None,
         }
@@ -232,9 +239,21 @@ impl<S: Scalar> Rotors<S> {
             quarter_n: s(airframe.weight_n() / 4.0),
             thrust_n_max: s(airframe.rotors.iter().map(|r| r.thrust_n_max).fold(f32::INFINITY, f32::min)),
             turning_m: [1.0, -1.0, 1.0, -1.0].map(|turn: f32| s(turn * airframe.torque_per_thrust_m)),
+            momentum: [-1.0, 1.0, -1.0, 1.0].map(|turn: f32| s(turn * airframe.rotor_momentum)),
             hover_share: s(airframe.weight_n() / airframe.rotors.iter().map(|r| r.thrust_n_max).sum::<f32>()),
             spin: config.spin.map(|spin| Spin::try_new(&spin, airframe, config.motor_lag_s, control_hz)).transpose()?,
         })
+    }
+
+    /// What turning the spinning rotors takes, N m: ω × h. One rotor's momentum is brought up to date a tick, since a root is dear.
+    pub(crate) fn gyroscopic_nm(&self, state: &mut RotorsState<S>, rate: Vec3<Body, S>) -> Vec3<Body, S> {
+        let j = state.turn % 4;
+        state.turn = j + 1;
+        let thrust_n = (state.shares[j] * state.made_n[j] + state.stuck_n[j]).max(S::ZERO);
+        state.momentum_nm_s[j] = self.momentum[j] * thrust_n.sqrt();
+        let [a, b, c, d] = state.momentum_nm_s;
+        let sum = (a + b) + (c + d);
+        Vec3::new(rate.y * sum, -(rate.x * sum), S::ZERO)
     }
 
     /// Compares what the last commands should have done with what the sensors felt, and learns from the difference.
