@@ -286,6 +286,7 @@ impl<S: Scalar> Health<S> {
     ) {
         let HealthState { suspects, mean, weather, memory_s } = &mut state.health;
         let all = suspects[ALL].factor;
+        let quiet = !suspects.iter().any(|suspect| suspect.found);
         let mut effects = [[S::ZERO; 3]; HYPOTHESES];
         for j in 0..4 {
             let Column(column) = columns[j];
@@ -296,11 +297,13 @@ impl<S: Scalar> Health<S> {
             for axis in 0..3 {
                 effects[j][axis] = if stuck { S::ZERO } else { column[axis] * alone_n };
                 effects[ALL][axis] = effects[ALL][axis] + column[axis] * shared_n;
-                effects[EXCESS + j][axis] = if stuck { column[axis] * self.quarter_n } else { -effects[j][axis] };
+                if !quiet {
+                    effects[EXCESS + j][axis] = if stuck { column[axis] * self.quarter_n } else { -effects[j][axis] };
+                }
             }
         }
         let Residual(x) = residual;
-        let quiet = !suspects.iter().any(|suspect| suspect.found);
+        let mut beside: [S; 3] = core::array::from_fn(|axis| x[axis] - mean[axis]);
         if !S::ZERO.lt(*memory_s).all() {
             *weather = self.calm.map(|calm| calm * S::from_f32(WARY));
             *memory_s = S::from_f32(WARY_S);
@@ -311,20 +314,23 @@ impl<S: Scalar> Health<S> {
         for axis in 0..3 {
             if quiet {
                 let all = self.noise[axis] + weather[axis];
-                let seen = x[axis] - mean[axis];
-                let change = (seen * seen).min(all * S::from_f32(OUTLIER)) - all;
+                let change = (beside[axis] * beside[axis]).min(all * S::from_f32(OUTLIER)) - all;
                 weather[axis] = (weather[axis] + keep * change).max(self.calm[axis]);
             }
             weights[axis] = S::ONE / (self.noise[axis] + weather[axis] * S::from_f32(WEATHER));
         }
         let lossy: [bool; 4] = core::array::from_fn(|j| suspects[j].found || suspects[ALL].found);
         let mut likeliest = (S::ZERO, S::ZERO, HYPOTHESES);
+        let mut fits = [(S::ZERO, S::ZERO); HYPOTHESES];
         for (i, (suspect, effect)) in suspects.iter_mut().zip(&effects).enumerate() {
-            let [wr, wp, wz] = weights;
-            let [hr, hp, hz] = *effect;
-            let (hr_w, hp_w, hz_w) = (hr * wr, hp * wp, hz * wz);
-            let seen = hr_w * (x[0] - mean[0]) + hp_w * (x[1] - mean[1]) + hz_w * (x[2] - mean[2]);
-            let size = hr_w * hr + hp_w * hp + hz_w * hz;
+            let (seen, size) = if quiet && i >= EXCESS {
+                // The loss, the other way round.
+                let (seen, size) = fits[i - EXCESS];
+                (-seen, size)
+            } else {
+                fit(effect, &weights, &beside)
+            };
+            fits[i] = (seen, size);
             if suspect.found {
                 let explained = if i < EXCESS {
                     suspect.follow(seen, size, filter, dt_s)
@@ -334,6 +340,7 @@ impl<S: Scalar> Health<S> {
                 };
                 for axis in 0..3 {
                     x[axis] = x[axis] - explained * effect[axis];
+                    beside[axis] = x[axis] - mean[axis];
                 }
                 continue;
             }
@@ -343,6 +350,10 @@ impl<S: Scalar> Health<S> {
             let slope = if known { -size } else { gain * seen - drift * size };
             suspect.nats = (suspect.nats + slope * dt_s).clamp(S::ZERO, S::from_f32(NATS_MAX));
             let rising = S::ZERO.lt(suspect.nats);
+            if (!rising).all() {
+                (suspect.risen, suspect.age_s) = (S::ZERO, S::ZERO);
+                continue;
+            }
             filter.step(&mut suspect.risen, S::ONE);
             suspect.risen = S::select(rising, suspect.risen, S::ZERO);
             suspect.age_s = S::select(rising, suspect.age_s + dt_s, S::ZERO);
@@ -368,7 +379,7 @@ impl<S: Scalar> Health<S> {
         } else if quiet {
             let keep = self.mean_per_s * dt_s;
             for axis in 0..3 {
-                mean[axis] = mean[axis] + keep * (x[axis] - mean[axis]);
+                mean[axis] = mean[axis] + keep * beside[axis];
             }
         }
         // What was explained away was so since the onset.
@@ -386,6 +397,14 @@ impl<S: Scalar> Health<S> {
             state.stuck_n[j] = stuck_n;
         }
     }
+}
+
+/// h'C⁻¹x̃ and h'C⁻¹h.
+#[inline(always)]
+fn fit<S: Scalar>(effect: &[S; 3], weights: &[S; 3], beside: &[S; 3]) -> (S, S) {
+    let [hr, hp, hz] = *effect;
+    let (hr_w, hp_w, hz_w) = (hr * weights[0], hp * weights[1], hz * weights[2]);
+    (hr_w * beside[0] + hp_w * beside[1] + hz_w * beside[2], hr_w * hr + hp_w * hp + hz_w * hz)
 }
 
 impl<S: Scalar> Suspect<S> {
