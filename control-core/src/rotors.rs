@@ -29,6 +29,8 @@ use crate::{Demand, Mask, Scalar};
 
 mod health;
 mod lag;
+mod suspect;
+mod weather;
 
 pub use health::{Alarm, DetectorConfig, HYPOTHESES};
 use health::{Health, HealthState};
@@ -197,7 +199,7 @@ impl<S: Scalar> RotorsState<S> {
             told: [None; 4],
             momentum_nm_s: [S::ZERO; 4],
             turn: 0,
-            health: HealthState::new(),
+            health: HealthState::new(rotors.and_then(|rotors| rotors.health.as_ref())),
             spinning: None,
         }
     }
@@ -224,7 +226,9 @@ impl<S: Scalar> Rotors<S> {
         let columns = airframe.rotors.map(|r| [-r.right_m / ix, r.forward_m / iy, -1.0 / airframe.mass_kg]);
         let health = match config.knowledge {
             Knowledge::Assumed | Knowledge::Told => None,
-            Knowledge::Estimated(detector) => Some(Health::try_new(&detector, airframe, &columns, config.filter_hz, control_hz)?),
+            Knowledge::Estimated(detector) => {
+                Some(Health::try_new(&detector, airframe, &columns, config.filter_hz, control_hz)?)
+            }
         };
         Ok(Self {
             columns: columns.map(|column| Column(column.map(s))),

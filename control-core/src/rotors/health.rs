@@ -8,16 +8,14 @@
 //!
 //! Nine hypotheses: each rotor alone, all alike (battery, air), and each rotor pulling more than it is told, which a stuck or a
 //! runaway one does: there h_i has the other sign. S_i is a log-likelihood ratio: "i lost the share d" against "nothing
-//! did", with n independent samples a second. C is diagonal: what the sensors' noise leaves in the residual, and ten times
-//! what the weather does, since gusts last and so are not independent.
+//! did", with n independent samples a second. C is diagonal and in `weather.rs`; what becomes of a hypothesis is in `suspect.rs`.
 //!
 //! A rotor that pulls more than it is told is taken for stuck: its thrust is a number that is followed, whatever it is told, and it is told
 //! a quarter of the weight, until it pulls just that. It must lead by a handicap: the facing rotor's loss looks much the same.
 //!
-//! Once a hypothesis is found its factor is followed by normalised least squares, quickly while it is far off, slowly after; it is
-//! dropped when it has been whole for a while.
-//!
 //! Source: docs/control-law.md, "Watching the rotors"; E. S. Page, "Continuous inspection schemes", 1954.
+use super::suspect::{Evidence, Suspect};
+use super::weather::{Climate, Weather};
 use super::{Column, Residual, RotorsState};
 use crate::airframe::Airframe;
 use crate::config::{ConfigError, positive};
@@ -46,7 +44,7 @@ impl DetectorConfig {
     /// The sensors and the weather of the shipped scenarios.
     pub const NOMINAL: Self = Self {
         loss: 0.3,
-        alarm_nats: 8.0,
+        alarm_nats: 7.0,
         gyro_noise_rad_s: 0.01,
         accelerometer_noise_m_s2: 0.2,
         torque_rms_nm: 0.01,
@@ -90,37 +88,19 @@ const ALL: usize = 4;
 const EXCESS: usize = 5;
 /// Excess that is looked for, share of the thrust: less is left to the incremental loop, which needs no culprit.
 const EXCESS_SOUGHT: f32 = 0.7;
+/// Least thrust that a stuck rotor's command is taken to have asked for, N: it divides.
+const FELT_N_MIN: f32 = 1e-3;
 /// What an excess must have beyond the alarm, nats.
 const HANDICAP_NATS: f32 = 6.0;
-/// Distance of a stuck rotor from what it is told at which it is called whole, share of a quarter of the weight.
-const FOLLOWS: f32 = 0.12;
-/// What the weather counts for beyond its variance.
-const WEATHER: f32 = 10.0;
-/// Time over which the residual's mean is taken, s.
-const MEAN_S: f32 = 10.0;
-/// Times in which a found factor is followed: while far off, and else, s.
-const FOLLOW_S: (f32, f32) = (0.02, 0.25);
-/// Error of a factor that is far off.
-const FAR: f32 = 0.25;
-/// How long after the alarm the factor is taken as it is seen, s.
-const FRESH_S: f32 = 0.02;
-/// How long a factor may be followed fast, s, and what of it comes back in a second: a model that is wrong for another reason, such as a
-/// delay, must not swing.
-const HASTE: (f32, f32) = (0.15, 0.05);
-/// Loss below which a rotor is called whole, and for how long, s.
-const WHOLE: (f32, f32) = (0.06, 1.0);
-/// h'C⁻¹h below which a rotor pulls too little to be judged.
-const FAINT: f32 = 0.5;
-/// Largest thrust that a rotor is believed to be stuck at, over a quarter of the weight.
-const STUCK_MAX: f32 = 8.0;
 
 /// The detector, configured.
 #[derive(Clone, Debug)]
 pub(crate) struct Health<S> {
-    /// C⁻¹c_j of each rotor, per newton.
-    rays: [[S; 3]; 4],
-    /// c_j'C⁻¹c_j, per square newton: of each rotor, and of a newton spread over all.
-    sizes: [S; HYPOTHESES - 4],
+    climate: Climate<S>,
+    /// c_j of each rotor, and the squares of its parts.
+    columns: [([S; 3], [S; 3]); 4],
+    /// The same of a newton spread over all: along z only.
+    spread: S,
     /// Corner of the residual's filter, rad/s.
     filter_rad_s: S,
     /// n d and n d²/2 of a loss.
@@ -128,30 +108,9 @@ pub(crate) struct Health<S> {
     /// The same of an excess.
     excess_per_s: (S, S),
     alarm_nats: S,
-    mean_per_s: S,
     /// A quarter of the weight, N, and its inverse.
     quarter_n: S,
     quarter_inverse: S,
-}
-
-/// What is known of one hypothesis.
-#[derive(Clone, Copy, Debug)]
-struct Suspect<S> {
-    nats: S,
-    /// Time since S left zero; after the alarm, as it was then, s.
-    age_s: S,
-    /// ρ, since the alarm.
-    risen: S,
-    /// What is left: 1 less the loss. Of a stuck rotor: its thrust over a quarter of the weight.
-    factor: S,
-    /// Lead over the next likeliest at the alarm, nats.
-    lead_nats: S,
-    whole_s: S,
-    /// How long what is seen is still taken as it is, s.
-    fresh_s: S,
-    /// How long it may still be followed fast, s.
-    haste_s: S,
-    found: bool,
 }
 
 /// What the detector remembers.
@@ -160,19 +119,13 @@ pub(crate) struct HealthState<S> {
     suspects: [Suspect<S>; HYPOTHESES],
     /// How many of them are found.
     found: usize,
-    mean: [S; 3],
-}
-
-/// What a residual says of one hypothesis: h'C⁻¹x̃ and h'C⁻¹h.
-#[derive(Clone, Copy)]
-struct Evidence<S> {
-    seen: S,
-    size: S,
+    weather: Weather<S>,
 }
 
 impl<S: Scalar> HealthState<S> {
-    pub(super) fn new() -> Self {
-        Self { suspects: [Suspect::innocent(); HYPOTHESES], found: 0, mean: [S::ZERO; 3] }
+    pub(super) fn new(health: Option<&Health<S>>) -> Self {
+        let weather = Weather::unknown(health.map(|health| &health.climate));
+        Self { suspects: [Suspect::innocent(); HYPOTHESES], found: 0, weather }
     }
 
     /// Whether nothing is found, and nothing suspected.
@@ -202,7 +155,7 @@ impl<S: Scalar> HealthState<S> {
 
     /// S of each hypothesis, less its handicap.
     pub(super) fn nats(&self) -> [S; HYPOTHESES] {
-        core::array::from_fn(|i| self.suspects[i].judged(i))
+        core::array::from_fn(|i| judged(&self.suspects[i], i))
     }
 
     /// Which hypotheses are found.
@@ -258,28 +211,19 @@ impl<S: Scalar> Health<S> {
         let kept = slope / (2.0 * control_hz - slope);
         let turning = square(slope * gyro_noise_rad_s) * (1.0 + kept);
         let falling = square(accelerometer_noise_m_s2) * kept;
-        let weight = |noise: f32, weather: f32| 1.0 / (noise + WEATHER * square(weather));
         let [ix, iy, _] = airframe.inertia_kg_m2;
+        let calm = [torque_rms_nm / ix, torque_rms_nm / iy, force_rms_n / airframe.mass_kg].map(square);
         let independent_per_s = corner / 2.0;
         let s = S::from_f32;
         let rates = |d: f32| (s(independent_per_s * d), s(independent_per_s * d * d / 2.0));
-        let weights = [
-            weight(turning, torque_rms_nm / ix),
-            weight(turning, torque_rms_nm / iy),
-            weight(falling, force_rms_n / airframe.mass_kg),
-        ];
-        let ray = |column: &[f32; 3]| core::array::from_fn(|axis| column[axis] * weights[axis]);
-        let size = |column: &[f32; 3]| (0..3).map(|axis| square(column[axis]) * weights[axis]).sum::<f32>();
-        let spread = [0.0, 0.0, 1.0 / airframe.mass_kg];
-        let [a, b, c, d] = columns;
         Ok(Self {
-            rays: core::array::from_fn(|j| ray(&columns[j]).map(s)),
-            sizes: [a, b, c, d, &spread].map(|column| s(size(column))),
+            climate: Climate::new([turning, turning, falling], calm),
+            columns: columns.map(|column| (column.map(s), column.map(|x| s(square(x))))),
+            spread: s(square(1.0 / airframe.mass_kg)),
             filter_rad_s: s(corner),
             loss_per_s: rates(loss),
             excess_per_s: rates(EXCESS_SOUGHT),
             alarm_nats: s(alarm_nats),
-            mean_per_s: s(1.0 / MEAN_S),
             quarter_n: s(airframe.weight_n() / 4.0),
             quarter_inverse: s(4.0 / airframe.weight_n()),
         })
@@ -297,10 +241,7 @@ impl<S: Scalar> Health<S> {
         if state.health.found > 0 {
             self.follow(state, columns, residual, filter, dt_s);
         } else {
-            let keep = self.mean_per_s * dt_s;
-            for (mean, x) in state.health.mean.iter_mut().zip(residual.0) {
-                *mean = *mean + keep * (x - *mean);
-            }
+            state.health.weather.learn(&self.climate, &residual.0, dt_s);
         }
         let (losses, all) = self.evidence(state, residual);
         let HealthState { suspects, found, .. } = &mut state.health;
@@ -323,20 +264,22 @@ impl<S: Scalar> Health<S> {
 
     /// What the residual says of a loss of each rotor, and of all alike. Of all, as if they pulled alike: in a hover they do.
     fn evidence(&self, state: &RotorsState<S>, residual: &Residual<S>) -> ([Evidence<S>; 4], Evidence<S>) {
-        let HealthState { suspects, mean, .. } = &state.health;
-        let Residual([x, y, z]) = *residual;
-        let (x, y, z) = (x - mean[0], y - mean[1], z - mean[2]);
+        let HealthState { suspects, weather, .. } = &state.health;
+        let [wx, wy, wz] = weather.weights;
+        let [x, y, z] = weather.beside(&residual.0);
+        let (x, y, z) = (x * wx, y * wy, z * wz);
         let all = suspects[ALL].factor;
         let (mut seen_n, mut total_n) = (S::ZERO, S::ZERO);
         let losses = core::array::from_fn(|j| {
-            let [ray_x, ray_y, ray_z] = self.rays[j];
-            let per_newton = ray_x * x + ray_y * y + ray_z * z;
+            let (c, squares) = &self.columns[j];
+            let per_newton = c[0] * x + c[1] * y + c[2] * z;
+            let per_newton_squared = squares[0] * wx + squares[1] * wy + squares[2] * wz;
             let (alone_n, shared_n) = (state.felt_n[j] * all, state.felt_n[j] * suspects[j].factor);
             seen_n = seen_n + shared_n * per_newton;
             total_n = total_n + shared_n;
-            Evidence { seen: -(alone_n * per_newton), size: alone_n * alone_n * self.sizes[j] }
+            Evidence { seen: -(alone_n * per_newton), size: alone_n * alone_n * per_newton_squared }
         });
-        (losses, Evidence { seen: -seen_n, size: total_n * total_n * self.sizes[ALL] })
+        (losses, Evidence { seen: -seen_n, size: total_n * total_n * self.spread * wz })
     }
 
     /// Finds the likeliest, and clears the others for now.
@@ -345,7 +288,7 @@ impl<S: Scalar> Health<S> {
         let HealthState { suspects, found, .. } = &mut state.health;
         let (mut likeliest, mut nats, mut next) = (0, S::ZERO, S::ZERO);
         for (i, suspect) in suspects.iter_mut().enumerate().filter(|(_, suspect)| !suspect.found) {
-            let judged = suspect.judged(i);
+            let judged = judged(suspect, i);
             if nats.lt(judged).all() {
                 (likeliest, nats, next) = (i, judged, nats);
             } else {
@@ -356,8 +299,7 @@ impl<S: Scalar> Health<S> {
         // 1 − exp(−ω t), by way of the tangent that is at hand.
         let half = tanh(S::from_f32(0.5) * self.filter_rad_s * suspects[likeliest].age_s);
         let risen = (half + half) / (S::ONE + half);
-        let found_one = |factor, age_s| Suspect { found: true, lead_nats: nats - next, risen, factor, age_s, ..Suspect::innocent() };
-        suspects[likeliest] = found_one(S::ONE, suspects[likeliest].age_s);
+        suspects[likeliest] = Suspect::caught(suspects[likeliest].age_s, risen, nats - next);
         *found += 1;
         if let Some(j) = likeliest.checked_sub(EXCESS) {
             // From here on its thrust is a number: what it was believed to be.
@@ -388,11 +330,10 @@ impl<S: Scalar> Health<S> {
             let explained = if let Some(j) = i.checked_sub(EXCESS) {
                 effect = columns[j].0.map(|x| x * self.quarter_n);
                 let told = state.made_n[j] * self.quarter_inverse;
-                let per_quarter = self.quarter_n / -(state.felt_n[j] * suspects[ALL].factor).max(S::from_f32(1e-3));
-                let evidence = Evidence {
-                    seen: losses[j].seen * per_quarter,
-                    size: self.sizes[j] * self.quarter_n * self.quarter_n,
-                };
+                let pulled_n = (state.felt_n[j] * suspects[ALL].factor).max(S::from_f32(FELT_N_MIN));
+                let per_quarter = self.quarter_n / pulled_n;
+                let Evidence { seen, size } = losses[j];
+                let evidence = Evidence { seen: -(seen * per_quarter), size: size * per_quarter * per_quarter };
                 suspects[i].follow_stuck(&evidence, told, filter, dt_s)
             } else {
                 for (j, column) in columns.iter().enumerate().filter(|(j, _)| i == ALL || i == *j) {
@@ -422,78 +363,7 @@ impl<S: Scalar> Health<S> {
     }
 }
 
-impl<S: Scalar> Suspect<S> {
-    /// S of hypothesis `i` as it is compared.
-    fn judged(&self, i: usize) -> S {
-        if i < EXCESS { self.nats } else { self.nats - S::from_f32(HANDICAP_NATS) }
-    }
-
-    /// Adds the evidence of one tick, by its rates a tick, unless it is found; returns whether S is beyond `limit`.
-    #[inline(always)]
-    fn judge(&mut self, evidence: &Evidence<S>, (gain, drift): (S, S), limit: S, dt_s: S) -> S::Mask {
-        if self.found {
-            return S::Mask::splat(false);
-        }
-        self.nats = (self.nats + (gain * evidence.seen - drift * evidence.size)).max(S::ZERO);
-        self.age_s = S::select(S::ZERO.lt(self.nats), self.age_s + dt_s, S::ZERO);
-        limit.lt(self.nats)
-    }
-
-    /// Follows the factor; returns what of the effect of a total loss this explains.
-    fn follow(&mut self, &Evidence { seen, size }: &Evidence<S>, filter: &LowPass<S>, dt_s: S) -> S {
-        let s = S::from_f32;
-        let error = seen / ((size + s(FAINT)) * self.risen);
-        let before = self.factor;
-        self.factor = (before - self.stride(error, dt_s)).clamp(S::ZERO, S::ONE);
-        let change = (before - self.factor) * self.risen;
-        filter.step(&mut self.risen, S::ONE);
-        self.acquit(s(1.0 - WHOLE.0).lt(self.factor), dt_s);
-        change
-    }
-
-    /// Follows the thrust of a stuck rotor that is told `told`, both over a quarter of the weight; returns how much more it explains.
-    fn follow_stuck(&mut self, &Evidence { seen, size }: &Evidence<S>, told: S, filter: &LowPass<S>, dt_s: S) -> S {
-        let s = S::from_f32;
-        let error = seen / (size * self.risen);
-        let before = self.factor;
-        self.factor = (before + self.stride(error, dt_s)).clamp(S::ZERO, s(STUCK_MAX));
-        let change = (self.factor - before) * self.risen;
-        filter.step(&mut self.risen, S::ONE);
-        self.acquit((self.factor - told).abs().lt(s(FOLLOWS)), dt_s);
-        change
-    }
-
-    /// How far to go when `error` away: all of it just after the onset, fast while far off and there is haste left, else slowly.
-    fn stride(&mut self, error: S, dt_s: S) -> S {
-        let s = S::from_f32;
-        let fresh = self.risen.lt(s(0.95)) | S::ZERO.lt(self.fresh_s);
-        self.fresh_s = (self.fresh_s - dt_s).max(S::ZERO);
-        let hurry = s(FAR).lt(error.abs()) & S::ZERO.lt(self.haste_s);
-        let spent = S::select(hurry, dt_s, -(dt_s * s(HASTE.1)));
-        self.haste_s = (self.haste_s - spent).min(s(HASTE.0));
-        let time_s = S::select(hurry, s(FOLLOW_S.0), s(FOLLOW_S.1));
-        S::select(fresh, error, error * (dt_s / time_s).min(S::ONE))
-    }
-
-    /// Drops the suspicion when it has been whole for long enough.
-    fn acquit(&mut self, whole: S::Mask, dt_s: S) {
-        self.whole_s = S::select(whole, self.whole_s + dt_s, S::ZERO);
-        if S::from_f32(WHOLE.1).lt(self.whole_s).all() {
-            *self = Self::innocent();
-        }
-    }
-
-    fn innocent() -> Self {
-        Self {
-            nats: S::ZERO,
-            risen: S::ZERO,
-            age_s: S::ZERO,
-            factor: S::ONE,
-            lead_nats: S::ZERO,
-            whole_s: S::ZERO,
-            fresh_s: S::from_f32(FRESH_S),
-            haste_s: S::from_f32(HASTE.0),
-            found: false,
-        }
-    }
+/// S of hypothesis `i` as it is compared.
+fn judged<S: Scalar>(suspect: &Suspect<S>, i: usize) -> S {
+    if i < EXCESS { suspect.nats } else { suspect.nats - S::from_f32(HANDICAP_NATS) }
 }

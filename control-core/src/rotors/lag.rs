@@ -6,8 +6,8 @@
 //!
 //! Least squares with forgetting, on roll and pitch together, only where ψ is far above what the gyro's noise makes of it by way of the
 //! commands: that part is correlated with the residual's own noise, and would pull the lag down. So it takes a manoeuvre.
-use crate::{Mask, Scalar};
 use crate::filter::LowPass;
+use crate::{Mask, Scalar};
 
 /// Range of the lag, s: below, one tick is as long; above, nothing flies.
 const LAG_S: (f32, f32) = (0.005, 0.15);

@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 /// How many thresholds.
 const LEVELS: usize = 64;
 /// Smallest and largest threshold, nats; above, the detector does not count.
-const RANGE_NATS: (f32, f32) = (0.05, 95.0);
+const RANGE_NATS: (f32, f32) = (0.2, 95.0);
 /// Times within which a detection is in time, s.
 pub const IN_TIME_S: [f64; 2] = [0.1, 0.2];
 /// An alarm is over when the largest sum is below this share of its threshold: the sums start again.

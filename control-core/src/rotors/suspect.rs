@@ -1,0 +1,133 @@
+//! One hypothesis about the rotors: how much speaks for it, and how large it is.
+//!
+//! While it is only suspected it collects evidence. Once found, its factor is taken as it is seen for an instant, then followed by normalised
+//! least squares: quickly while it is far off, as long as there is haste left, slowly after. It is dropped when it has been whole for a while.
+use crate::filter::LowPass;
+use crate::{Mask, Scalar};
+
+/// Distance of a stuck rotor from what it is told at which it is called whole, share of a quarter of the weight.
+const FOLLOWS: f32 = 0.12;
+/// Times in which a found factor is followed: while far off, and else, s.
+const FOLLOW_S: (f32, f32) = (0.02, 0.25);
+/// Error of a factor that is far off.
+const FAR: f32 = 0.25;
+/// How long after the alarm the factor is taken as it is seen, s.
+const FRESH_S: f32 = 0.02;
+/// How long a factor may be followed fast, s, and what of it comes back in a second: a model that is wrong for another reason, such as a
+/// delay, must not swing.
+const HASTE: (f32, f32) = (0.15, 0.05);
+/// Loss below which a rotor is called whole, and for how long, s.
+const WHOLE: (f32, f32) = (0.06, 1.0);
+/// h'C⁻¹h below which a rotor pulls too little to be judged.
+const FAINT: f32 = 0.5;
+/// Largest thrust that a rotor is believed to be stuck at, over a quarter of the weight.
+const STUCK_MAX: f32 = 8.0;
+
+/// What a residual says of one hypothesis: h'C⁻¹x̃ and h'C⁻¹h.
+#[derive(Clone, Copy)]
+pub(super) struct Evidence<S> {
+    pub(super) seen: S,
+    pub(super) size: S,
+}
+
+/// What is known of one hypothesis.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Suspect<S> {
+    pub(super) nats: S,
+    /// Time since S left zero; after the alarm, as it was then, s.
+    pub(super) age_s: S,
+    /// ρ, since the alarm.
+    pub(super) risen: S,
+    /// What is left: 1 less the loss. Of a stuck rotor: its thrust over a quarter of the weight.
+    pub(super) factor: S,
+    /// Lead over the next likeliest at the alarm, nats.
+    pub(super) lead_nats: S,
+    whole_s: S,
+    /// How long what is seen is still taken as it is, s.
+    fresh_s: S,
+    /// How long it may still be followed fast, s.
+    haste_s: S,
+    pub(super) found: bool,
+}
+
+impl<S: Scalar> Suspect<S> {
+    /// Adds the evidence of one tick, by its rates a tick, unless it is found; returns whether S is beyond `limit`.
+    #[inline(always)]
+    pub(super) fn judge(&mut self, evidence: &Evidence<S>, (gain, drift): (S, S), limit: S, dt_s: S) -> S::Mask {
+        if self.found {
+            return S::Mask::splat(false);
+        }
+        self.nats = (self.nats + (gain * evidence.seen - drift * evidence.size)).max(S::ZERO);
+        self.age_s = S::select(S::ZERO.lt(self.nats), self.age_s + dt_s, S::ZERO);
+        limit.lt(self.nats)
+    }
+
+    /// Follows the factor; returns what of the effect of a total loss this explains.
+    pub(super) fn follow(&mut self, &Evidence { seen, size }: &Evidence<S>, filter: &LowPass<S>, dt_s: S) -> S {
+        let s = S::from_f32;
+        let error = seen / ((size + s(FAINT)) * self.risen);
+        let before = self.factor;
+        self.factor = (before - self.stride(error, dt_s)).clamp(S::ZERO, S::ONE);
+        let change = (before - self.factor) * self.risen;
+        filter.step(&mut self.risen, S::ONE);
+        self.acquit(s(1.0 - WHOLE.0).lt(self.factor), dt_s);
+        change
+    }
+
+    /// Follows the thrust of a stuck rotor that is told `told`, both over a quarter of the weight; returns how much more it explains.
+    pub(super) fn follow_stuck(
+        &mut self,
+        &Evidence { seen, size }: &Evidence<S>,
+        told: S,
+        filter: &LowPass<S>,
+        dt_s: S,
+    ) -> S {
+        let s = S::from_f32;
+        let error = seen / (size * self.risen);
+        let before = self.factor;
+        self.factor = (before + self.stride(error, dt_s)).clamp(S::ZERO, s(STUCK_MAX));
+        let change = (self.factor - before) * self.risen;
+        filter.step(&mut self.risen, S::ONE);
+        self.acquit((self.factor - told).abs().lt(s(FOLLOWS)), dt_s);
+        change
+    }
+
+    /// How far to go when `error` away: all of it just after the onset, fast while far off and there is haste left, else slowly.
+    fn stride(&mut self, error: S, dt_s: S) -> S {
+        let s = S::from_f32;
+        let fresh = self.risen.lt(s(0.95)) | S::ZERO.lt(self.fresh_s);
+        self.fresh_s = (self.fresh_s - dt_s).max(S::ZERO);
+        let hurry = s(FAR).lt(error.abs()) & S::ZERO.lt(self.haste_s);
+        let spent = S::select(hurry, dt_s, -(dt_s * s(HASTE.1)));
+        self.haste_s = (self.haste_s - spent).min(s(HASTE.0));
+        let time_s = S::select(hurry, s(FOLLOW_S.0), s(FOLLOW_S.1));
+        S::select(fresh, error, error * (dt_s / time_s).min(S::ONE))
+    }
+
+    /// Drops the suspicion when it has been whole for long enough.
+    fn acquit(&mut self, whole: S::Mask, dt_s: S) {
+        self.whole_s = S::select(whole, self.whole_s + dt_s, S::ZERO);
+        if S::from_f32(WHOLE.1).lt(self.whole_s).all() {
+            *self = Self::innocent();
+        }
+    }
+
+    /// Found: what began `age_s` ago, `risen` of which has passed the filter.
+    pub(super) fn caught(age_s: S, risen: S, lead_nats: S) -> Self {
+        Self { found: true, age_s, risen, lead_nats, ..Self::innocent() }
+    }
+
+    pub(super) fn innocent() -> Self {
+        Self {
+            nats: S::ZERO,
+            risen: S::ZERO,
+            age_s: S::ZERO,
+            factor: S::ONE,
+            lead_nats: S::ZERO,
+            whole_s: S::ZERO,
+            fresh_s: S::from_f32(FRESH_S),
+            haste_s: S::from_f32(HASTE.0),
+            found: false,
+        }
+    }
+}
