@@ -1,9 +1,9 @@
 //! The command line.
 use crate::controllers::ControllerName;
 use crate::fault::Rotors;
-use crate::figures::{FIGURES, Figure, Trace, png, svg};
+use crate::figures::{FIGURES, Trace, limits::Outcome, png, svg};
 use crate::flight::{Flight, NumberFormat, Sample};
-use crate::limits::{CASES, Heading, loss_max};
+use crate::limits::{CASES, Heading, STUCK_CASES, loss_max, stuck_n};
 use crate::log::{Log, TickRecord};
 use crate::metrics::{Flown, METRICS, fly_measured};
 use crate::output::Files;
@@ -19,6 +19,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+mod suite;
+
 /// Flies quadrotors that lose thrust, and compares the controllers that keep them up.
 #[derive(Parser)]
 #[command(name = "sim-host", version, after_help = "Without a command: sim-host compare scenarios/paper.toml")]
@@ -33,7 +35,9 @@ enum Command {
     Fly(FlyArgs),
     /// Fly the same flights under each controller: a table, report.html, results.json, logs and figures.
     Compare(CompareArgs),
-    /// Print the largest loss of thrust that a hover survives, by linear program.
+    /// Fly many scenarios under each controller: one table, suite.json, suite.html and suite.md.
+    Suite(suite::SuiteArgs),
+    /// Print the largest loss of thrust, and the thrusts of a stuck rotor, that a hover survives, by linear program.
     Limits(LimitsArgs),
     /// Print the JSON Schema of a scenario.
     Schema,
@@ -100,6 +104,9 @@ struct CompareArgs {
 /// Default rows of a log a second: beyond what a rigid body shows.
 const LOG_HZ: u32 = 100;
 
+/// Opens the second part of what `limits` prints.
+const STUCK_HEAD: &str = "Thrusts at which one rotor may be stuck in a hover, and their shares of its largest:";
+
 /// What the main job flies.
 const MAIN_SCENARIO: &str = "scenarios/paper.toml";
 
@@ -116,6 +123,7 @@ pub fn run() -> ExitCode {
     let result = match &command {
         Command::Fly(args) => fly(args),
         Command::Compare(args) => compare(args),
+        Command::Suite(args) => suite::suite(args),
         Command::Limits(args) => limits(args),
         Command::Schema => schema(),
     };
@@ -178,8 +186,12 @@ fn say(text: &str) -> Result<(), Failure> {
     }
 }
 
-/// Draws every figure, adds each as PNG, and returns the SVGs.
-fn draw(files: &mut Files, traces: &[Trace], scenario: &Scenario) -> Result<Vec<(&'static Figure, String)>, Failure> {
+fn undrawn(error: impl std::fmt::Display) -> Failure {
+    Failure { text: format!("the figures cannot be drawn: {error}"), code: 1 }
+}
+
+/// Draws every figure, adds each as PNG, and returns their titles and SVGs.
+fn draw(files: &mut Files, traces: &[Trace], scenario: &Scenario) -> Result<Vec<(&'static str, String)>, Failure> {
     let windows_s = scenario.fault_windows_s();
     let drawn: Result<Vec<_>, Box<dyn Error + Send + Sync>> = FIGURES
         .par_iter()
@@ -189,12 +201,23 @@ fn draw(files: &mut Files, traces: &[Trace], scenario: &Scenario) -> Result<Vec<
             Ok((figure, svg, png))
         })
         .collect();
-    let drawn = drawn.map_err(|error| Failure { text: format!("the figures cannot be drawn: {error}"), code: 1 })?;
-    let add = |(figure, svg, png): (&'static Figure, String, Vec<u8>)| {
+    let mut titled = Vec::new();
+    for (figure, svg, png) in drawn.map_err(undrawn)? {
         files.add(format!("{}.png", figure.name), png);
-        (figure, svg)
+        titled.push((figure.title, svg));
+    }
+    Ok(titled)
+}
+
+/// Draws the faults beside what physics allows, if there is something to draw, and adds it as PNG and SVG.
+fn draw_limits(files: &mut Files, comparison: &Comparison) -> Result<Option<(&'static str, String)>, Failure> {
+    let outcomes: Vec<Outcome> = comparison.entries.iter().map(Entry::outcome_against_limits).collect();
+    let Some(svg) = crate::figures::limits::svg(comparison.scenario, &outcomes).map_err(undrawn)? else {
+        return Ok(None);
     };
-    Ok(drawn.into_iter().map(add).collect())
+    files.add("limits.png", png(&svg).map_err(undrawn)?);
+    files.add("limits.svg", svg.clone());
+    Ok(Some(("The faults beside what physics allows", svg)))
 }
 
 fn fly(args: &FlyArgs) -> Result<(), Failure> {
@@ -245,15 +268,15 @@ fn compare(args: &CompareArgs) -> Result<(), Failure> {
     let scenario = load(&args.scenario)?;
     let folder = folder(args.out.as_ref(), &args.scenario)?;
     let base = args.seed.unwrap_or(scenario.seed);
-    let mut named = BTreeSet::new();
-    let controllers: Vec<_> = args.controllers.iter().copied().filter(|&name| named.insert(name)).collect();
+    let controllers = chosen(&args.controllers);
     // Drawn on a terminal only, on standard error.
     let bar = ProgressBar::new(controllers.len() as u64 * args.seeds);
     let mut entries = Vec::new();
     let mut logs = Vec::new();
     for controller in controllers {
-        let (flights, log) = fly_seeds(args, &scenario, controller, base, &bar)?;
-        entries.push(Entry { controller, config: controller.config(&scenario), flights });
+        let seeds = Seeds { base, count: args.seeds, format: args.format };
+        let (entry, log) = fly_seeds(&args.scenario, &scenario, controller, &seeds, &bar)?;
+        entries.push(entry);
         logs.push((controller, log));
     }
     bar.finish_and_clear();
@@ -268,7 +291,8 @@ fn compare(args: &CompareArgs) -> Result<(), Failure> {
 
     let mut files = Files::default();
     let traces: Vec<_> = logs.iter().map(|(controller, log)| Trace { controller: *controller, log }).collect();
-    let figures = draw(&mut files, &traces, &scenario)?;
+    let mut figures = draw(&mut files, &traces, &scenario)?;
+    figures.extend(draw_limits(&mut files, &comparison)?);
     for Trace { controller, log } in &traces {
         files.add(format!("log_{controller}.csv"), log.to_csv().map_err(Failure::writing(&folder))?);
     }
@@ -285,26 +309,42 @@ fn compare(args: &CompareArgs) -> Result<(), Failure> {
     say(&format!("{}{where_to}\n", comparison.table()))
 }
 
+/// Names without those that were named before.
+fn chosen(controllers: &[ControllerName]) -> Vec<ControllerName> {
+    let mut named = BTreeSet::new();
+    controllers.iter().copied().filter(|&name| named.insert(name)).collect()
+}
+
+/// Which flights are flown, and in what arithmetic.
+struct Seeds {
+    base: u64,
+    count: u64,
+    format: NumberFormat,
+}
+
 /// Every flight of one controller, and the log of the first.
 fn fly_seeds(
-    args: &CompareArgs,
+    file: &Path,
     scenario: &Scenario,
     controller: ControllerName,
-    base: u64,
+    seeds: &Seeds,
     bar: &ProgressBar,
-) -> Result<(Vec<Flown>, Log), Failure> {
+) -> Result<(Entry, Log), Failure> {
     let fly = |seed: u64, observe: &mut dyn FnMut(&Sample)| {
-        let flight = Flight { scenario, controller, seed, format: args.format };
-        let flown = fly_measured(&flight, observe).map_err(refused(&args.scenario, controller));
+        let flight = Flight { scenario, controller, seed, format: seeds.format };
+        let flown = fly_measured(&flight, observe).map_err(refused(file, controller));
         bar.inc(1);
         flown
     };
     let mut log = Log::at_rate(LOG_HZ.into(), scenario.control_hz());
-    let mut flights = vec![fly(base, &mut |sample| log.note(sample))?];
-    let others: Result<Vec<_>, _> =
-        (1..args.seeds).into_par_iter().map(|i| fly(base.wrapping_add(i), &mut |_| {})).collect();
+    let others = |i: u64| fly(seeds.base.wrapping_add(i), &mut |_| {});
+    let (first, others): (_, Result<Vec<_>, _>) = rayon::join(
+        || fly(seeds.base, &mut |sample| log.note(sample)),
+        || (1..seeds.count).into_par_iter().map(others).collect(),
+    );
+    let mut flights = vec![first?];
     flights.extend(others?);
-    Ok((flights, log))
+    Ok((Entry { controller, config: controller.config(scenario), flights }, log))
 }
 
 /// The command that makes the same comparison again.
@@ -335,7 +375,13 @@ fn limits(args: &LimitsArgs) -> Result<(), Failure> {
         format!("{name:<30} {}", limit.map_or("cannot hover".to_owned(), |loss| format!("{:5.1} %", 100.0 * loss)))
     };
     let head = format!("Largest loss of thrust in a hover, thrust-to-weight {thrust_to_weight}:");
-    let lines: Vec<_> = std::iter::once(head).chain(CASES.map(line)).collect();
+    let stuck = |(name, heading): (&str, Heading)| {
+        let at = |thrust_n: f64| format!("{thrust_n:5.2} N ({:5.1} %)", 100.0 * thrust_n / vehicle.thrust_n_max());
+        let span = stuck_n(&vehicle, 0, heading).map(|(low, high)| format!("from {} to {}", at(low), at(high)));
+        format!("{name:<30} {}", span.unwrap_or("cannot hover".to_owned()))
+    };
+    let lines =
+        [vec![head], CASES.map(line).into(), vec![STUCK_HEAD.to_owned()], STUCK_CASES.map(stuck).into()].concat();
     say(&(lines.join("\n") + "\n"))
 }
 

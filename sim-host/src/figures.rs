@@ -10,6 +10,7 @@ use resvg::{tiny_skia, usvg};
 use std::error::Error;
 use std::ops::Range;
 
+pub mod limits;
 mod panels;
 
 use panels::Panel;
