@@ -261,6 +261,54 @@ fn crashed_flights_are_counted_and_their_metrics_are_null() {
 }
 
 #[test]
+fn detect_writes_its_results_and_refuses_what_it_cannot_fly() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("out");
+    let out = out.to_str().expect("a plain path");
+    let hover = "scenarios/detection/hover.toml";
+    for (args, says) in [
+        (vec!["scenarios/flight.toml"], "scenarios/flight.toml: fault: must be left out"),
+        (vec!["scenarios/no.toml"], "scenarios/no.toml: cannot be read"),
+        (vec![hover, "--alarm-nats", "-1"], "detector.alarm_nats = -1"),
+        (vec![hover, "--losses", "0"], "0 is not in 1..=100"),
+        (vec![hover, "--torque-rms", "nan"], "must be a number from 0 to 100"),
+        (vec![hover, "--healthy-hours", "-1"], "must be a number from 0 to 1000"),
+    ] {
+        let args = [vec!["detect", "--out", out], args].concat();
+        let args: Vec<_> = args.iter().map(|arg| if *arg == "-1" { "=-1" } else { arg }).collect();
+        let joined = args.join(" ").replace(" =-1", "=-1");
+        let refused = sim_host(&joined.split(' ').collect::<Vec<_>>());
+        let line = String::from_utf8(refused.stderr).expect("text");
+        assert_eq!(refused.status.code(), Some(2), "{line}");
+        assert!(line.contains(says), "{line}");
+        assert!(!Path::new(out).exists(), "nothing half-written");
+    }
+    let flown = sim_host(&[
+        "detect",
+        hover,
+        "--losses",
+        "50",
+        "--flights",
+        "2",
+        "--healthy-hours",
+        "0.1",
+        "--torque-rms",
+        "0.012",
+        "--out",
+        out,
+    ]);
+    assert!(flown.status.success(), "{}", String::from_utf8_lossy(&flown.stderr));
+    let mut names: Vec<_> =
+        std::fs::read_dir(out).expect("results").map(|entry| entry.expect("an entry").file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["detection.html", "detection.json", "roc.png", "roc.svg"]);
+    let json = std::fs::read_to_string(Path::new(out).join("detection.json")).expect("text");
+    let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+    assert_eq!(json["conditions"]["wind"]["torque_rms_nm"], 0.012);
+    assert_eq!(json["losses"][0]["flights"], 2);
+}
+
+#[test]
 fn schema_documents_every_key() {
     let result = sim_host(&["schema"]);
     let schema: serde_json::Value = serde_json::from_slice(&result.stdout).expect("JSON");

@@ -24,6 +24,8 @@ pub struct Airframe {
     pub rotors: [Rotor; 4],
     /// Reaction torque per thrust, m (κ = d/b in docs/control-law.md's erratum to eq 11).
     pub torque_per_thrust_m: f32,
+    /// Angular momentum of a rotor per square root of its thrust, N m s/√N: the paper's Jr/√b.
+    pub rotor_momentum: f32,
     /// Thrust below which no rotor is commanded, N: 0, or an idle that keeps it turning.
     pub thrust_n_min: f32,
 }
@@ -36,6 +38,8 @@ const MASS_KG: f32 = 0.52;
 const INERTIA_KG_M2: f32 = 0.027_988_48;
 /// d / b of Table 1: 7.5e-7 / 3.13e-5, m.
 const TORQUE_PER_THRUST_M: f32 = 0.023_961_66;
+/// Jr / √b of Table 1: 6e-5 / √3.13e-5, N m s/√N.
+const ROTOR_MOMENTUM: f32 = 0.010_724_55;
 
 impl Airframe {
     /// A plus frame with rotors `arm_m` from the centre: 1 right, 2 front, 3 left, 4 back.
@@ -53,6 +57,7 @@ impl Airframe {
             inertia_kg_m2,
             rotors: [rotor(0.0, 1.0), rotor(1.0, 0.0), rotor(0.0, -1.0), rotor(-1.0, 0.0)],
             torque_per_thrust_m: TORQUE_PER_THRUST_M,
+            rotor_momentum: ROTOR_MOMENTUM,
             thrust_n_min: 0.0,
         }
     }

@@ -128,6 +128,7 @@ impl Airframe {
             positive(PART, "inertia_kg_m2", inertia)?;
         }
         positive(PART, "torque_per_thrust_m", self.torque_per_thrust_m)?;
+        not_negative(PART, "rotor_momentum", self.rotor_momentum)?;
         not_negative(PART, "thrust_n_min", self.thrust_n_min)?;
         for rotor in &self.rotors {
             let above_idle = (self.thrust_n_min.max(VALUE_MIN), VALUE_MAX);

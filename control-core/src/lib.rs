@@ -48,7 +48,7 @@ pub use attitude::AttitudeGains;
 pub use config::{AxisConfig, Cascade, Config, ConfigError, Gains};
 pub use controller::{Controller, State};
 pub use law::{AxisTelemetry, Law};
-pub use rotors::{Alarm, DetectorConfig, Knowledge, RotorsConfig, RotorsTelemetry};
+pub use rotors::{Alarm, DetectorConfig, HYPOTHESES, Knowledge, RotorsConfig, RotorsTelemetry};
 #[cfg(feature = "fixed")]
 pub use scalar::fixed::Q16;
 pub use scalar::{Mask, Scalar};

@@ -30,7 +30,7 @@ use crate::{Demand, Mask, Scalar};
 mod health;
 mod lag;
 
-pub use health::{Alarm, DetectorConfig};
+pub use health::{Alarm, DetectorConfig, HYPOTHESES};
 use health::{Health, HealthState};
 use lag::Lag;
 
@@ -95,6 +95,10 @@ pub struct RotorsTelemetry<S = f32> {
     pub shares: [S; 4],
     /// The worst loss that was found.
     pub alarm: Option<Alarm<S>>,
+    /// The detector's cumulative sums as it compares them, nats: loss of rotors 1 to 4, of all, excess of rotors 1 to 4.
+    pub nats: [S; HYPOTHESES],
+    /// Which of these are found.
+    pub found: [bool; HYPOTHESES],
     /// Time constant of a rotor's thrust, s.
     pub lag_s: S,
     /// The rotor without which the machine spins, 0 to 3.
@@ -107,6 +111,8 @@ impl<S: Scalar> RotorsTelemetry<S> {
         RotorsTelemetry {
             shares: self.shares.map(S::to_f32),
             alarm: self.alarm.map(Alarm::to_f32),
+            nats: self.nats.map(S::to_f32),
+            found: self.found,
             lag_s: self.lag_s.to_f32(),
             spinning: self.spinning,
         }
@@ -142,6 +148,8 @@ pub(crate) struct Rotors<S> {
     thrust_n_max: S,
     /// Yaw torque per thrust of each rotor, m.
     turning_m: [S; 4],
+    /// Angular momentum about body z of each rotor, per square root of its thrust.
+    momentum: [S; 4],
     pub(crate) spin: Option<Spin<S>>,
 }
 
@@ -165,6 +173,9 @@ pub(crate) struct RotorsState<S: Scalar> {
     stuck_n: [S; 4],
     /// Shares that somebody else knows.
     told: [Option<S>; 4],
+    /// Angular momentum of each rotor about body z, N m s, and whose is next.
+    momentum_nm_s: [S; 4],
+    turn: usize,
     health: HealthState<S>,
     /// The spin, if heading is given up.
     pub(crate) spinning: Option<Spinning<S>>,
@@ -184,6 +195,8 @@ impl<S: Scalar> RotorsState<S> {
             shares: [S::ONE; 4],
             stuck_n: [S::ZERO; 4],
             told: [None; 4],
+            momentum_nm_s: [S::ZERO; 4],
+            turn: 0,
             health: HealthState::new(),
             spinning: None,
         }
@@ -194,6 +207,8 @@ impl<S: Scalar> RotorsState<S> {
         RotorsTelemetry {
             shares: self.shares,
             alarm: self.health.alarm(),
+            nats: self.health.nats(),
+            found: self.health.found(),
             lag_s: self.lag.lag_s(),
             spinning: self.spinning.map(|spinning| spinning.rotor),
         }
@@ -209,7 +224,7 @@ impl<S: Scalar> Rotors<S> {
         let columns = airframe.rotors.map(|r| [-r.right_m / ix, r.forward_m / iy, -1.0 / airframe.mass_kg]);
         let health = match config.knowledge {
             Knowledge::Assumed | Knowledge::Told => None,
-            Knowledge::Estimated(detector) => Some(Health::try_new(&detector, airframe, config.filter_hz, control_hz)?),
+            Knowledge::Estimated(detector) => Some(Health::try_new(&detector, airframe, &columns, config.filter_hz, control_hz)?),
         };
         Ok(Self {
             columns: columns.map(|column| Column(column.map(s))),
@@ -224,9 +239,21 @@ impl<S: Scalar> Rotors<S> {
             quarter_n: s(airframe.weight_n() / 4.0),
             thrust_n_max: s(airframe.rotors.iter().map(|r| r.thrust_n_max).fold(f32::INFINITY, f32::min)),
             turning_m: [1.0, -1.0, 1.0, -1.0].map(|turn: f32| s(turn * airframe.torque_per_thrust_m)),
+            momentum: [-1.0, 1.0, -1.0, 1.0].map(|turn: f32| s(turn * airframe.rotor_momentum)),
             hover_share: s(airframe.weight_n() / airframe.rotors.iter().map(|r| r.thrust_n_max).sum::<f32>()),
             spin: config.spin.map(|spin| Spin::try_new(&spin, airframe, config.motor_lag_s, control_hz)).transpose()?,
         })
+    }
+
+    /// What turning the spinning rotors takes, N m: ω × h. One rotor's momentum is brought up to date a tick, since a root is dear.
+    pub(crate) fn gyroscopic_nm(&self, state: &mut RotorsState<S>, rate: Vec3<Body, S>) -> Vec3<Body, S> {
+        let j = state.turn % 4;
+        state.turn = j + 1;
+        let thrust_n = (state.shares[j] * state.made_n[j] + state.stuck_n[j]).max(S::ZERO);
+        state.momentum_nm_s[j] = self.momentum[j] * thrust_n.sqrt();
+        let [a, b, c, d] = state.momentum_nm_s;
+        let sum = (a + b) + (c + d);
+        Vec3::new(rate.y * sum, -(rate.x * sum), S::ZERO)
     }
 
     /// Compares what the last commands should have done with what the sensors felt, and learns from the difference.
@@ -264,9 +291,8 @@ impl<S: Scalar> Rotors<S> {
         filter.step(&mut state.force, force_z_m_s2 - made[2]);
         let mut residual = Residual([roll, pitch, state.force]);
         if let Some(health) = &self.health {
-            if state.health.is_calm() {
-                state.lag.learn(slope, [roll, pitch], &motor, &filter, dt_s);
-            }
+            let calm = || state.health.is_calm();
+            state.lag.learn(slope, [roll, pitch], &motor, &filter, calm, dt_s);
             health.step(state, &self.columns, &mut residual, &filter, dt_s);
         }
         residual
@@ -276,9 +302,8 @@ impl<S: Scalar> Rotors<S> {
     pub(crate) fn listen(&self, state: &mut RotorsState<S>, shares: [Option<S>; 4]) {
         if self.listens {
             state.told = shares.map(|share| Some(share?.clamp(S::ZERO, S::ONE)));
-            let unknown = |share| if self.health.is_some() { share } else { S::ONE };
-            for (share, told) in state.shares.iter_mut().zip(state.told) {
-                *share = told.unwrap_or(unknown(*share));
+            for j in 0..4 {
+                state.shares[j] = state.told[j].unwrap_or(state.health.share(j));
             }
         }
     }

@@ -64,19 +64,27 @@ impl SpinConfig {
         Self { weights: [128.0, 2.9], one_sided: 0.005, lean_max: 0.21, trim_max: 0.22, outer: [1.5, 2.1] };
 }
 
+/// Where the spin settles at one yaw rate, and how it is held there.
+#[derive(Clone, Copy, Debug)]
+struct Trim<S> {
+    /// K: a row each for roll and pitch acceleration.
+    gains: [[S; N]; M],
+    /// β_t, rad/s².
+    push: S,
+    /// h_y / h_z.
+    lean: S,
+    /// h_y.
+    lean_sine: S,
+}
+
 /// The law of the spin, configured.
 #[derive(Clone, Debug)]
 pub(crate) struct Spin<S> {
-    gains: [[[S; N]; M]; TABLE],
+    /// At each rad/s.
+    trims: [Trim<S>; TABLE],
     /// Unit vector (forward, right) to each rotor.
     towards: [[S; 2]; 4],
-    /// k.
-    ratio: S,
     inertia_kg_m2: S,
-    lean_max: S,
-    /// Largest trim and half the weight, as roll acceleration, rad/s².
-    trim_max: S,
-    half_weight: S,
     outer: [S; 2],
     mass_kg: S,
 }
@@ -121,10 +129,92 @@ pub(crate) struct SpinInput<S> {
     pub(crate) rate: Vec3<Body, S>,
 }
 
-/// The set point of the spin at one yaw rate, numbers for people who configure: f32.
-struct Trim<S> {
-    push: S,
-    lean: S,
+/// The machine, as the table of trims needs it.
+struct Machine {
+    /// (Iz − Ix) / Ix.
+    ratio: f32,
+    inertia_kg_m2: f32,
+    /// Roll acceleration per newton of a rotor, 1/(kg m).
+    per_newton: f32,
+    weight_n: f32,
+    rotor_momentum: f32,
+    motor_lag_s: f32,
+    dt_s: f32,
+}
+
+impl Machine {
+    /// Trim at the yaw rate `r`, rad/s, positive: (β_t, h_y / h_z, k r − h / Ix).
+    fn trim(&self, config: &SpinConfig, r: f32) -> (f32, f32, f32) {
+        let half_n = self.weight_n / 2.0;
+        let over = ((r - LIMITER_RAD_S.0) / (LIMITER_RAD_S.1 - LIMITER_RAD_S.0)).clamp(0.0, 1.0);
+        let most_n = half_n * (config.trim_max + over * (1.0 - config.trim_max));
+        // The rotors turn against the body, so their momentum makes it less stiff; by how much depends on the trim, a little.
+        let mut push_n = most_n;
+        let mut stiffness = 0.0;
+        for _ in 0..4 {
+            let pair_n = (self.weight_n - push_n) / 2.0;
+            let momentum = self.rotor_momentum * (2.0 * libm::sqrtf(pair_n) - libm::sqrtf(push_n));
+            stiffness = self.ratio * r - momentum / self.inertia_kg_m2;
+            push_n = most_n.min((stiffness * r * config.lean_max).max(0.0) / self.per_newton);
+        }
+        let push = push_n * self.per_newton;
+        let lean = if stiffness * r * config.lean_max > push { push / (stiffness * r) } else { config.lean_max };
+        (push, lean, stiffness)
+    }
+
+    /// The regulator about the trim at `r`.
+    fn regulate<S: Scalar>(&self, config: &SpinConfig, r: f32) -> Trim<S> {
+        let (push, lean, stiffness) = self.trim(config, r);
+        let upright = 1.0 / libm::sqrtf(1.0 + lean * lean);
+        let quarter = self.weight_n / 4.0 * self.per_newton;
+        let scarce = quarter / push.max(0.02 * quarter);
+        let lag = -1.0 / self.motor_lag_s;
+        let slope: [[f32; N]; N] = [
+            [0.0, r, 0.0, -upright, 0.0, 0.0],
+            [-r, 0.0, upright, 0.0, 0.0, 0.0],
+            [0.0, 0.0, 0.0, -stiffness, 1.0, 0.0],
+            [0.0, 0.0, stiffness, 0.0, 0.0, 1.0],
+            [0.0, 0.0, 0.0, 0.0, lag, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 0.0, lag],
+        ];
+        // Second order in dt, for A and for B.
+        let dt_s = self.dt_s;
+        let square = |i: usize, j: usize| (0..N).map(|k| slope[i][k] * slope[k][j]).sum::<f32>();
+        let identity = |i: usize, j: usize| f32::from(u8::from(i == j));
+        let a = core::array::from_fn(|i| {
+            core::array::from_fn(|j| identity(i, j) + dt_s * (slope[i][j] + 0.5 * dt_s * square(i, j)))
+        });
+        let b = core::array::from_fn(|i| {
+            core::array::from_fn(|input| {
+                let j = N - M + input;
+                -lag * dt_s * (identity(i, j) + 0.5 * dt_s * slope[i][j])
+            })
+        });
+        let [point, turn] = config.weights;
+        let cost = 1.0 / (self.per_newton * self.per_newton);
+        let r = [cost * (1.0 + config.one_sided * scarce * scarce), cost];
+        let problem = Problem { a, b, q: [point, point, turn, turn, 0.0, 0.0], r };
+        let s = S::from_f32;
+        Trim {
+            gains: problem.gains().map(|row| row.map(s)),
+            push: s(push),
+            lean: s(lean),
+            lean_sine: s(lean * upright),
+        }
+    }
+}
+
+impl<S: Scalar> Trim<S> {
+    /// Between `self` and `other`.
+    fn towards(&self, other: &Self, share: S) -> Self {
+        let mix = |low: S, high: S| low + share * (high - low);
+        Self {
+            gains: core::array::from_fn(|i| core::array::from_fn(|j| mix(self.gains[i][j], other.gains[i][j]))),
+            push: mix(self.push, other.push),
+            lean: mix(self.lean, other.lean),
+            lean_sine: mix(self.lean_sine, other.lean_sine),
+        }
+    }
 }
 
 impl<S: Scalar> Spin<S> {
@@ -147,87 +237,34 @@ impl<S: Scalar> Spin<S> {
             positive("spin", field, value)?;
         }
         let [ix, iy, iz] = airframe.inertia_kg_m2;
-        let inertia = 0.5 * (ix + iy);
-        let ratio = (iz - inertia) / inertia;
-        let s = S::from_f32;
+        let inertia_kg_m2 = 0.5 * (ix + iy);
         let arms_m = airframe.rotors.map(|r| libm::sqrtf(r.forward_m * r.forward_m + r.right_m * r.right_m));
-        let per_newton = 0.25 * arms_m.iter().sum::<f32>() / inertia;
-        let half_weight = per_newton * airframe.weight_n() / 2.0;
-        let mut spin = Self {
-            gains: [[[S::ZERO; N]; M]; TABLE],
-            towards: core::array::from_fn(|j| {
-                [s(airframe.rotors[j].forward_m / arms_m[j]), s(airframe.rotors[j].right_m / arms_m[j])]
-            }),
-            ratio: s(ratio),
-            inertia_kg_m2: s(inertia),
-            lean_max: s(lean_max),
-            trim_max: s(trim_max * half_weight),
-            half_weight: s(half_weight),
+        let machine = Machine {
+            ratio: (iz - inertia_kg_m2) / inertia_kg_m2,
+            inertia_kg_m2,
+            per_newton: 0.25 * arms_m.iter().sum::<f32>() / inertia_kg_m2,
+            weight_n: airframe.weight_n(),
+            rotor_momentum: airframe.rotor_momentum,
+            motor_lag_s,
+            dt_s: 1.0 / control_hz,
+        };
+        let s = S::from_f32;
+        let towards = |j: usize| [airframe.rotors[j].forward_m, airframe.rotors[j].right_m].map(|x| s(x / arms_m[j]));
+        Ok(Self {
+            trims: core::array::from_fn(|i| machine.regulate(config, i as f32)),
+            towards: core::array::from_fn(towards),
+            inertia_kg_m2: s(inertia_kg_m2),
             outer: [s(kp), s(kd)],
             mass_kg: s(airframe.mass_kg),
-        };
-        let dt = 1.0 / control_hz;
-        let quarter = half_weight / 2.0;
-        let cost = 1.0 / (per_newton * per_newton);
-        for i in 0..TABLE {
-            let r = i as f32;
-            let Trim { push, lean } = spin.trim(s(r), false);
-            let (push, lean) = (push.to_f32(), lean.to_f32());
-            let upright = 1.0 / libm::sqrtf(1.0 + lean * lean);
-            let scarce = quarter / push.max(0.02 * quarter);
-            let slope: [[f32; N]; N] = [
-                [0.0, r, 0.0, -upright, 0.0, 0.0],
-                [-r, 0.0, upright, 0.0, 0.0, 0.0],
-                [0.0, 0.0, 0.0, -ratio * r, 1.0, 0.0],
-                [0.0, 0.0, ratio * r, 0.0, 0.0, 1.0],
-                [0.0, 0.0, 0.0, 0.0, -1.0 / motor_lag_s, 0.0],
-                [0.0, 0.0, 0.0, 0.0, 0.0, -1.0 / motor_lag_s],
-            ];
-            // Second order in dt, for A and for B.
-            let square = |i: usize, j: usize| (0..N).map(|k| slope[i][k] * slope[k][j]).sum::<f32>();
-            let a = core::array::from_fn(|i| {
-                core::array::from_fn(|j| f32::from(u8::from(i == j)) + dt * slope[i][j] + 0.5 * dt * dt * square(i, j))
-            });
-            let b = core::array::from_fn(|i| {
-                core::array::from_fn(|input| {
-                    let j = N - M + input;
-                    (dt * f32::from(u8::from(i == j)) + 0.5 * dt * dt * slope[i][j]) / motor_lag_s
-                })
-            });
-            let problem = Problem {
-                a,
-                b,
-                q: [point, point, turn, turn, 0.0, 0.0],
-                r: [cost * (1.0 + one_sided * scarce * scarce), cost],
-            };
-            spin.gains[i] = problem.gains().map(|row| row.map(s));
-        }
-        Ok(spin)
+        })
     }
 
-    /// Trim at the yaw rate `r`.
-    fn trim(&self, r: S, healed: bool) -> Trim<S> {
-        if healed {
-            return Trim { push: S::ZERO, lean: S::ZERO };
-        }
-        let s = S::from_f32;
-        let stiffness = self.ratio * r * r;
-        let push = (stiffness * self.lean_max).min(self.trim_max);
-        let over =
-            ((r.abs() - s(LIMITER_RAD_S.0)) * s(1.0 / (LIMITER_RAD_S.1 - LIMITER_RAD_S.0))).clamp(S::ZERO, S::ONE);
-        let push = push + over * (self.half_weight - push);
-        let lean = (push / stiffness.max(s(1e-3))).min(self.lean_max);
-        Trim { push, lean }
-    }
-
-    /// K at the yaw rate `r`, between the two nearest of the table.
-    fn gains(&self, r: S) -> [[S; N]; M] {
+    /// The trim at the yaw rate `r`, positive, between the two nearest of the table.
+    fn trim(&self, r: S) -> Trim<S> {
         let last = TABLE - 1;
-        let r = r.abs().min(S::from_f32(last as f32));
+        let r = r.min(S::from_f32(last as f32));
         let low = (r.to_f32() as usize).min(last - 1);
-        let share = r - S::from_f32(low as f32);
-        let (low, high) = (&self.gains[low], &self.gains[low + 1]);
-        core::array::from_fn(|i| core::array::from_fn(|j| low[i][j] + share * (high[i][j] - low[i][j])))
+        self.trims[low].towards(&self.trims[low + 1], r - S::from_f32(low as f32))
     }
 
     /// Where the body's down axis should point, body axes, and the thrust, N.
@@ -270,10 +307,9 @@ impl<S: Scalar> Spin<S> {
         let (p, q) = turned(input.rate.x, input.rate.y);
         let (roll, pitch) = turned(input.tilting_rad_s2[0], input.tilting_rad_s2[1]);
         let r = input.rate.z.abs();
-        let Trim { push, lean } = self.trim(r, spinning.healed);
-        let upright = S::ONE / (S::ONE + lean * lean).sqrt();
-        let state = [flip(n1), n2 - lean * upright, p, flip(q) - r * lean, roll - push, flip(pitch)];
-        let gains = self.gains(r);
+        let Trim { gains, push, lean, lean_sine } = self.trim(r);
+        let [push, lean, lean_sine] = [push, lean, lean_sine].map(|x| if spinning.healed { S::ZERO } else { x });
+        let state = [flip(n1), n2 - lean_sine, p, flip(q) - r * lean, roll - push, flip(pitch)];
         let fed = |row: &[S; N]| row.iter().zip(state).fold(S::ZERO, |sum, (&k, x)| sum + k * x);
         let (roll, pitch) = (push - fed(&gains[0]), flip(-fed(&gains[1])));
         [self.inertia_kg_m2 * (right * roll + forward * pitch), self.inertia_kg_m2 * (right * pitch - forward * roll)]

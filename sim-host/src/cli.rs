@@ -1,15 +1,12 @@
 //! The command line.
 use crate::controllers::ControllerName;
-use crate::fault::Rotors;
 use crate::figures::{FIGURES, Trace, limits::Outcome, png, svg};
 use crate::flight::{Flight, NumberFormat, Sample};
-use crate::limits::{CASES, Heading, STUCK_CASES, loss_max, stuck_n};
 use crate::log::{Log, TickRecord};
 use crate::metrics::{Flown, METRICS, fly_measured};
 use crate::output::Files;
 use crate::report::{Comparison, Entry, Page};
-use crate::scenario::{Scenario, THRUST_TO_WEIGHT};
-use crate::vehicle::{AirframeName, Vehicle, VehicleKeys};
+use crate::scenario::Scenario;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
@@ -19,6 +16,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+mod detect;
+mod limits;
 mod suite;
 
 /// Flies quadrotors that lose thrust, and compares the controllers that keep them up.
@@ -35,10 +34,12 @@ enum Command {
     Fly(FlyArgs),
     /// Fly the same flights under each controller: a table, report.html, results.json, logs and figures.
     Compare(CompareArgs),
+    /// Fly the detector through silent losses and healthy hours: delays, misses, false alarms and the ROC.
+    Detect(detect::DetectArgs),
     /// Fly many scenarios under each controller: one table, suite.json, suite.html and suite.md.
     Suite(suite::SuiteArgs),
     /// Print the largest loss of thrust, and the thrusts of a stuck rotor, that a hover survives, by linear program.
-    Limits(LimitsArgs),
+    Limits(limits::LimitsArgs),
     /// Print the JSON Schema of a scenario.
     Schema,
 }
@@ -68,16 +69,6 @@ struct FlyArgs {
 }
 
 #[derive(Args)]
-struct LimitsArgs {
-    /// The machine.
-    #[arg(value_enum)]
-    airframe: AirframeName,
-    /// Largest total thrust over weight.
-    #[arg(long, default_value_t = VehicleKeys::default().thrust_to_weight)]
-    thrust_to_weight: f64,
-}
-
-#[derive(Args)]
 struct CompareArgs {
     /// The scenario, a TOML file.
     scenario: PathBuf,
@@ -104,8 +95,8 @@ struct CompareArgs {
 /// Default rows of a log a second: beyond what a rigid body shows.
 const LOG_HZ: u32 = 100;
 
-/// Opens the second part of what `limits` prints.
-const STUCK_HEAD: &str = "Thrusts at which one rotor may be stuck in a hover, and their shares of its largest:";
+/// Losses of the detector's campaign, %.
+const LOSSES_PERCENT: [u32; 10] = [10, 20, 30, 40, 50, 60, 70, 80, 90, 100];
 
 /// What the main job flies.
 const MAIN_SCENARIO: &str = "scenarios/paper.toml";
@@ -123,8 +114,9 @@ pub fn run() -> ExitCode {
     let result = match &command {
         Command::Fly(args) => fly(args),
         Command::Compare(args) => compare(args),
+        Command::Detect(args) => detect::detect(args),
         Command::Suite(args) => suite::suite(args),
-        Command::Limits(args) => limits(args),
+        Command::Limits(args) => limits::limits(args),
         Command::Schema => schema(),
     };
     result.map_or_else(
@@ -169,7 +161,12 @@ fn refused(scenario: &Path, controller: ControllerName) -> impl FnOnce(control_c
 
 /// The folder for results; refused before anything is flown if it is something else.
 fn folder(out: Option<&PathBuf>, scenario: &Path) -> Result<PathBuf, Failure> {
-    let folder = out.cloned().unwrap_or_else(|| Path::new("out").join(name_of(scenario)));
+    folder_in(out, Path::new("out"), scenario)
+}
+
+/// The same, with its default elsewhere.
+fn folder_in(out: Option<&PathBuf>, default: &Path, scenario: &Path) -> Result<PathBuf, Failure> {
+    let folder = out.cloned().unwrap_or_else(|| default.join(name_of(scenario)));
     if folder.exists() && !folder.is_dir() {
         return Err(Failure::bad_input(format!("--out = {}: is not a folder", folder.display())));
     }
@@ -358,31 +355,6 @@ fn command_line(args: &CompareArgs, comparison: &Comparison) -> String {
         args.seeds,
         comparison.seed,
     )
-}
-
-fn limits(args: &LimitsArgs) -> Result<(), Failure> {
-    let thrust_to_weight = args.thrust_to_weight;
-    if !(THRUST_TO_WEIGHT.0..=THRUST_TO_WEIGHT.1).contains(&thrust_to_weight) {
-        let (low, high) = THRUST_TO_WEIGHT;
-        return Err(Failure::bad_input(format!(
-            "--thrust-to-weight = {thrust_to_weight}: must be from {low} to {high}"
-        )));
-    }
-    let keys = VehicleKeys { thrust_to_weight, ..VehicleKeys::default() };
-    let vehicle = Vehicle::new(args.airframe, &keys);
-    let line = |(name, failing, heading): (&str, Rotors, Heading)| {
-        let limit = loss_max(&vehicle, failing, heading);
-        format!("{name:<30} {}", limit.map_or("cannot hover".to_owned(), |loss| format!("{:5.1} %", 100.0 * loss)))
-    };
-    let head = format!("Largest loss of thrust in a hover, thrust-to-weight {thrust_to_weight}:");
-    let stuck = |(name, heading): (&str, Heading)| {
-        let at = |thrust_n: f64| format!("{thrust_n:5.2} N ({:5.1} %)", 100.0 * thrust_n / vehicle.thrust_n_max());
-        let span = stuck_n(&vehicle, 0, heading).map(|(low, high)| format!("from {} to {}", at(low), at(high)));
-        format!("{name:<30} {}", span.unwrap_or("cannot hover".to_owned()))
-    };
-    let lines =
-        [vec![head], CASES.map(line).into(), vec![STUCK_HEAD.to_owned()], STUCK_CASES.map(stuck).into()].concat();
-    say(&(lines.join("\n") + "\n"))
 }
 
 fn schema() -> Result<(), Failure> {

@@ -7,7 +7,7 @@ use crate::reference::Target;
 use crate::scenario::Scenario;
 use crate::sensors::Sensors;
 use crate::wind::Gusts;
-use control_core::{ConfigError, Controller, Input, Output, Q16, Scalar, Telemetry};
+use control_core::{Config, ConfigError, Controller, Input, Output, Q16, Scalar, Telemetry};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::fmt;
@@ -168,14 +168,15 @@ pub enum Ending {
 
 /// Streams of random numbers that never mix: more draws of one leave the others as they were.
 #[derive(Clone, Copy)]
-enum Stream {
+pub(crate) enum Stream {
     Noise = 1,
     Wind = 2,
     Fault = 3,
     Torque = 4,
+    Campaign = 5,
 }
 
-fn random(seed: u64, stream: Stream) -> Pcg64 {
+pub(crate) fn random(seed: u64, stream: Stream) -> Pcg64 {
     let mut bytes = [0; 32];
     bytes[..8].copy_from_slice(&seed.to_le_bytes());
     bytes[8] = stream as u8;
@@ -189,17 +190,26 @@ impl Flight<'_> {
     /// # Errors
     /// [`ConfigError`] if the controller refuses its configuration.
     pub fn fly(&self, observe: &mut dyn FnMut(&Sample)) -> Result<Option<Ending>, ConfigError> {
+        self.fly_as(&self.controller.config(self.scenario), observe)
+    }
+
+    /// The same with a configuration that is not quite the controller's own.
+    pub fn fly_as(&self, config: &Config, observe: &mut dyn FnMut(&Sample)) -> Result<Option<Ending>, ConfigError> {
         match self.format {
-            NumberFormat::F32 => self.fly_in::<f32>(observe),
-            NumberFormat::F64 => self.fly_in::<f64>(observe),
-            NumberFormat::Q16 => self.fly_in::<Q16>(observe),
+            NumberFormat::F32 => self.fly_in::<f32>(config, observe),
+            NumberFormat::F64 => self.fly_in::<f64>(config, observe),
+            NumberFormat::Q16 => self.fly_in::<Q16>(config, observe),
         }
     }
 
-    fn fly_in<S: Scalar>(&self, observe: &mut dyn FnMut(&Sample)) -> Result<Option<Ending>, ConfigError> {
+    fn fly_in<S: Scalar>(
+        &self,
+        config: &Config,
+        observe: &mut dyn FnMut(&Sample),
+    ) -> Result<Option<Ending>, ConfigError> {
         let scenario = self.scenario;
         let vehicle = scenario.vehicle();
-        let controller = Controller::<S>::try_new(&self.controller.config(scenario))?;
+        let controller = Controller::<S>::try_new(config)?;
         let mut state = controller.hover_state();
         let ground = Ground { altitude_m: scenario.ground_altitude_m };
         let mut plant = scenario.plant.hovering(&vehicle, ground, scenario.reference.start_altitude_m());
@@ -221,7 +231,7 @@ impl Flight<'_> {
             let input = sensors.sample(&truth, actuators.vibration(), &target, dt_s);
             let told = actuators.told();
             let shares = if self.controller == ControllerName::Oracle { told.truth.map(Some) } else { told.reported };
-            controller.report(&mut state, shares.map(|share| share.map(|share| S::from_f32(share as f32))));
+            controller.report(&mut state, shares.map(|share| share.map(S::from_f32)));
             let output = controller.tick(&mut state, &input.cast()).to_f32();
             let telemetry = controller.telemetry(&state).to_f32();
             let command_n = output.thrust_n.map(f64::from);

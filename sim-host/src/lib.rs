@@ -5,6 +5,7 @@
 pub mod actuators;
 pub mod cli;
 pub mod controllers;
+pub mod detection;
 pub mod fault;
 pub mod figures;
 pub mod flight;

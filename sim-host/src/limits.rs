@@ -62,14 +62,14 @@ fn weight_n(vehicle: &Vehicle) -> f64 {
 /// What the rotors can make in a hover under all of `faults` at their worst.
 ///
 /// A rotor that is stuck where it is has its quarter of the weight; a battery sags as it does under the weight.
-pub fn thrusts_under<'a>(vehicle: &Vehicle, faults: impl Iterator<Item = &'a Fault> + Clone) -> Thrusts {
+pub fn thrusts_under(vehicle: &Vehicle, faults: &[&Fault]) -> Thrusts {
     let most_n = vehicle.thrust_n_max();
     from_fn(|i| {
         let (mut driven, mut share) = ((0.0, most_n), 1.0);
-        for fault in faults.clone().filter(|fault| fault.rotors.has(i)) {
+        for fault in faults.iter().filter(|fault| fault.rotors.has(i)) {
             match fault.kind {
                 FaultKind::LossOfEffectiveness { loss } | FaultKind::PropellerDamage { loss, .. } => {
-                    share *= 1.0 - loss
+                    share *= 1.0 - loss;
                 }
                 FaultKind::BatterySag { sag } => {
                     let voltage = 1.0 - sag / vehicle.thrust_to_weight;
@@ -104,6 +104,11 @@ pub fn hover(vehicle: &Vehicle, thrusts: &Thrusts) -> Hover {
     }
 }
 
+/// The faults that are there at `at_s`.
+pub fn together(faults: &[Fault], at_s: f64) -> Vec<&Fault> {
+    faults.iter().filter(|fault| fault.is_active(at_s)).collect()
+}
+
 /// The worst hover of a scenario: of each onset with all faults that are there then. None with the plant `paper`,
 /// whose rotors have no limit, and without faults.
 pub fn worst_hover(scenario: &Scenario) -> Option<Hover> {
@@ -111,8 +116,8 @@ pub fn worst_hover(scenario: &Scenario) -> Option<Hover> {
         return None;
     }
     let vehicle = scenario.vehicle();
-    let together = |at_s: f64| scenario.fault.iter().filter(move |fault| fault.is_active(at_s));
-    scenario.fault.iter().map(|onset| hover(&vehicle, &thrusts_under(&vehicle, together(onset.from_s)))).max()
+    let at = |onset: &Fault| hover(&vehicle, &thrusts_under(&vehicle, &together(&scenario.fault, onset.from_s)));
+    scenario.fault.iter().map(at).max()
 }
 
 /// Largest share of thrust that every rotor of `failing` may lose in a hover; none if it cannot hover at all.
@@ -310,7 +315,7 @@ mod tests {
             for frame in [Frame::Plus, Frame::X] {
                 let vehicle = vehicle(r, frame);
                 let fault = Fault { kind, rotors, ..FAULT };
-                assert_eq!(hover(&vehicle, &thrusts_under(&vehicle, [fault].iter())), want, "{why}, {frame:?}");
+                assert_eq!(hover(&vehicle, &thrusts_under(&vehicle, &[&fault])), want, "{why}, {frame:?}");
             }
         }
     }
@@ -320,11 +325,11 @@ mod tests {
         let vehicle = vehicle(2.2, Frame::Plus);
         let loss = |loss, rotors| Fault { kind: FaultKind::LossOfEffectiveness { loss }, rotors, ..FAULT };
         let (all, one) = (loss(0.5, Rotors::ALL), loss(0.1, ONE));
-        let verdict = |faults: &[Fault]| hover(&vehicle, &thrusts_under(&vehicle, faults.iter()));
-        assert_eq!((verdict(&[all]), verdict(&[one])), (Hover::WithHeading, Hover::WithHeading));
+        let verdict = |faults: &[&Fault]| hover(&vehicle, &thrusts_under(&vehicle, faults));
+        assert_eq!((verdict(&[&all]), verdict(&[&one])), (Hover::WithHeading, Hover::WithHeading));
         // Of 1.1 weights two pairs alike have 0.99 left, the weak pair and the whole of the other 1.045.
-        assert_eq!(verdict(&[all, one]), Hover::WithoutHeading, "shares multiply");
-        assert_eq!(verdict(&[all, all]), Hover::Nowhere);
+        assert_eq!(verdict(&[&all, &one]), Hover::WithoutHeading, "shares multiply");
+        assert_eq!(verdict(&[&all, &all]), Hover::Nowhere);
     }
 
     #[test]

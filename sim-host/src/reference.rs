@@ -1,8 +1,8 @@
 //! Where the machine is told to be, over time.
 //!
 //! Positions are (north, east, altitude) in metres, as in every scenario key; flights start at (0, 0, 0).
-use control_core::Setpoint;
 use control_core::frames::Vec3;
+use control_core::{GRAVITY_M_S2, Setpoint};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
@@ -17,6 +17,8 @@ pub enum Reference {
     Step(Step),
     /// Circle and climb.
     Helix(Helix),
+    /// Swing to and fro.
+    Weave(Weave),
     /// Jump from point to point.
     Waypoints(Vec<Waypoint>),
 }
@@ -62,6 +64,27 @@ pub struct Helix {
 
 fn blend_s() -> f64 {
     3.0
+}
+
+/// Keys of a weave: still in place, then to and fro along a line, so that the machine tilts as a sine.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Weave {
+    /// When it starts, s.
+    pub at_s: f64,
+    /// Altitude, m; the flight starts there.
+    #[serde(default)]
+    pub altitude_m: f64,
+    /// Largest tilt that it takes, reached over the first `blend_s`, rad.
+    pub tilt_rad: f64,
+    /// How often, Hz.
+    pub frequency_hz: f64,
+    /// Direction of the line, from north to east, rad.
+    #[serde(default)]
+    pub direction_rad: f64,
+    /// Time to come up to the whole swing, s.
+    #[serde(default = "blend_s")]
+    pub blend_s: f64,
 }
 
 /// One point of a path.
@@ -121,6 +144,7 @@ impl Reference {
             Self::Step(step) if t_s < step.at_s => Target::default(),
             Self::Step(step) => Target::at(step.position_m, step.yaw_rad),
             Self::Helix(helix) => helix.target(t_s),
+            Self::Weave(weave) => weave.target(t_s),
             Self::Waypoints(points) => points
                 .iter()
                 .rev()
@@ -132,7 +156,7 @@ impl Reference {
     /// Times at which the setpoint jumps, s, ascending.
     pub fn jumps_s(&self) -> Vec<f64> {
         match self {
-            Self::Hover(_) | Self::Helix(_) => Vec::new(),
+            Self::Hover(_) | Self::Helix(_) | Self::Weave(_) => Vec::new(),
             Self::Step(step) => vec![step.at_s],
             Self::Waypoints(points) => points.iter().map(|point| point.at_s).collect(),
         }
@@ -142,6 +166,7 @@ impl Reference {
     pub fn start_altitude_m(&self) -> f64 {
         match self {
             Self::Hover(hover) => hover.altitude_m,
+            Self::Weave(weave) => weave.altitude_m,
             Self::Step(_) | Self::Helix(_) | Self::Waypoints(_) => 0.0,
         }
     }
@@ -169,16 +194,39 @@ impl Helix {
     }
 }
 
+impl Weave {
+    /// The swing grows by a polynomial that starts and ends without slope or curvature: the acceleration is continuous.
+    fn target(&self, t_s: f64) -> Target {
+        let since_s = (t_s - self.at_s).max(0.0);
+        let share = (since_s / self.blend_s).min(1.0);
+        let rest = 1.0 - share;
+        let size = share.powi(3) * (10.0 - 15.0 * share + 6.0 * share * share);
+        let growth = 30.0 * (share * rest).powi(2) / self.blend_s;
+        let growth_rate = 60.0 * share * rest * (rest - share) / (self.blend_s * self.blend_s);
+
+        let omega = TAU * self.frequency_hz;
+        let reach_m = f64::from(GRAVITY_M_S2) * libm::tan(self.tilt_rad) / (omega * omega);
+        let (sin, cos) = (libm::sin(omega * since_s), libm::cos(omega * since_s));
+        let (north, east) = (libm::cos(self.direction_rad), libm::sin(self.direction_rad));
+        let along = |distance: f64| [reach_m * distance * north, reach_m * distance * east, 0.0];
+        let [x, y, _] = along(size * sin);
+        Target {
+            position_m: [x, y, self.altitude_m],
+            velocity_m_s: along(growth * sin + size * omega * cos),
+            acceleration_m_s2: along(growth_rate * sin + 2.0 * growth * omega * cos - size * omega * omega * sin),
+            yaw_rad: 0.0,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn helix_velocity_and_acceleration_are_the_slopes_of_its_position() {
-        let helix = Helix { at_s: 1.0, radius_m: 2.0, speed_m_s: 1.5, climb_m_s: 0.2, blend_s: 3.0 };
+    fn assert_smooth(reference: &Reference) {
         let h = 1e-4;
         for t_s in [0.5, 1.7, 2.9, 3.8, 9.0] {
-            let [before, here, after] = [t_s - h, t_s, t_s + h].map(|t| helix.target(t));
+            let [before, here, after] = [t_s - h, t_s, t_s + h].map(|t| reference.target(t));
             for i in 0..3 {
                 let slope = (after.position_m[i] - before.position_m[i]) / (2.0 * h);
                 let curve = (after.velocity_m_s[i] - before.velocity_m_s[i]) / (2.0 * h);
@@ -186,6 +234,32 @@ mod tests {
                 assert!((curve - here.acceleration_m_s2[i]).abs() < 1e-6, "acceleration at {t_s}");
             }
         }
+    }
+
+    #[test]
+    fn helix_velocity_and_acceleration_are_the_slopes_of_its_position() {
+        let helix = Helix { at_s: 1.0, radius_m: 2.0, speed_m_s: 1.5, climb_m_s: 0.2, blend_s: 3.0 };
+        assert_smooth(&Reference::Helix(helix));
+    }
+
+    const WEAVE: Weave =
+        Weave { at_s: 1.0, altitude_m: 10.0, tilt_rad: 0.3, frequency_hz: 0.5, direction_rad: 0.5, blend_s: 3.0 };
+
+    #[test]
+    fn weave_velocity_and_acceleration_are_the_slopes_of_its_position() {
+        assert_smooth(&Reference::Weave(WEAVE));
+    }
+
+    #[test]
+    fn weave_starts_in_place_and_takes_the_stated_tilt() {
+        let weave = Reference::Weave(WEAVE);
+        assert_eq!(weave.target(0.9).position_m, [0.0, 0.0, weave.start_altitude_m()]);
+        let tilt_rad = |i: u32| {
+            let [north, east, _] = weave.target(4.0 + f64::from(i) * 0.01).acceleration_m_s2;
+            libm::atan(libm::hypot(north, east) / f64::from(GRAVITY_M_S2))
+        };
+        let most = (0..200).map(tilt_rad).fold(0.0, f64::max);
+        assert!((most - 0.3).abs() < 1e-3, "{most}");
     }
 
     #[test]

@@ -15,6 +15,7 @@ mod html;
 mod suite;
 
 pub use html::Page;
+pub(crate) use html::{STYLE, escaped};
 pub use suite::Suite;
 
 /// The flights of one controller.

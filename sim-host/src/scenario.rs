@@ -48,7 +48,7 @@ pub struct Scenario {
     /// What differs from the named airframe, and the motors.
     #[serde(default)]
     pub vehicle: VehicleKeys,
-    /// The setpoint over time: exactly one of the tables `hover`, `step`, `helix` and `waypoints`.
+    /// The setpoint over time: exactly one of the tables `hover`, `step`, `helix`, `weave` and `waypoints`.
     pub reference: Reference,
     /// Sensor noise.
     #[serde(default)]

@@ -168,6 +168,8 @@ impl Vehicle {
             self.arm_m as f32,
             self.thrust_to_weight as f32,
         );
+        let rotor_momentum = self.rotor_inertia_kg_m2 / libm::sqrt(self.thrust_coefficient_n_s2);
+        let plus = Airframe { rotor_momentum: rotor_momentum as f32, ..plus };
         match self.frame {
             Frame::Plus => plus,
             Frame::X => plus.into_x(),

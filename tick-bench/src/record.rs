@@ -50,7 +50,9 @@ pub(crate) fn flight() -> Option<Record> {
     if header.magic != MAGIC || count > TICKS_MAX {
         return None;
     }
-    let mut config = Config::flight(Law::Lgs, Airframe::paper(2.2));
+    // The recorded flights have rotors without inertia.
+    let airframe = Airframe { rotor_momentum: 0.0, ..Airframe::paper(2.2) };
+    let mut config = Config::flight(Law::Lgs, airframe);
     match header.controller {
         0 => {}
         1 => config.rotors = Some(RotorsConfig::ESTIMATED),

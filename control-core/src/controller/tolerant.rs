@@ -29,7 +29,7 @@ impl<S: Scalar> Controller<S> {
         dt_s: S,
     ) {
         let rate = input.rate_rad_s;
-        let coupling = self.coupling.torque_nm(rate);
+        let coupling = self.coupling.torque_nm(rate) + rotors.gyroscopic_nm(&mut state.rotors, rate);
         let force_m_s2 = input.specific_force_m_s2.z;
         let residual = rotors.observe(&mut state.rotors, &state.output.thrust_n, rate, coupling, force_m_s2, dt_s);
         let demand = match (&rotors.spin, rotors.next_spinning(&state.rotors, rate.z)) {

@@ -22,6 +22,7 @@ use super::{Column, Residual, RotorsState};
 use crate::airframe::Airframe;
 use crate::config::{ConfigError, positive};
 use crate::filter::LowPass;
+use crate::math::tanh;
 use crate::{Mask, Scalar};
 
 /// What the detector takes for ordinary.
@@ -45,7 +46,7 @@ impl DetectorConfig {
     /// The sensors and the weather of the shipped scenarios.
     pub const NOMINAL: Self = Self {
         loss: 0.3,
-        alarm_nats: 12.0,
+        alarm_nats: 8.0,
         gyro_noise_rad_s: 0.01,
         accelerometer_noise_m_s2: 0.2,
         torque_rms_nm: 0.01,
@@ -82,7 +83,7 @@ pub struct Alarm<S = f32> {
 }
 
 /// Loss of rotors 1 to 4, of all, and excess of rotors 1 to 4.
-const HYPOTHESES: usize = 9;
+pub const HYPOTHESES: usize = 9;
 /// The hypothesis that all lose alike.
 const ALL: usize = 4;
 /// The first hypothesis of a rotor that pulls too much.
@@ -112,14 +113,16 @@ const WHOLE: (f32, f32) = (0.06, 1.0);
 const FAINT: f32 = 0.5;
 /// Largest thrust that a rotor is believed to be stuck at, over a quarter of the weight.
 const STUCK_MAX: f32 = 8.0;
-/// S beyond which nothing is added: it only says "certain".
-const NATS_MAX: f32 = 100.0;
 
 /// The detector, configured.
 #[derive(Clone, Debug)]
 pub(crate) struct Health<S> {
-    /// Diagonal of C⁻¹.
-    weights: [S; 3],
+    /// C⁻¹c_j of each rotor, per newton.
+    rays: [[S; 3]; 4],
+    /// c_j'C⁻¹c_j, per square newton: of each rotor, and of a newton spread over all.
+    sizes: [S; HYPOTHESES - 4],
+    /// Corner of the residual's filter, rad/s.
+    filter_rad_s: S,
     /// n d and n d²/2 of a loss.
     loss_per_s: (S, S),
     /// The same of an excess.
@@ -135,10 +138,10 @@ pub(crate) struct Health<S> {
 #[derive(Clone, Copy, Debug)]
 struct Suspect<S> {
     nats: S,
-    /// ρ.
-    risen: S,
     /// Time since S left zero; after the alarm, as it was then, s.
     age_s: S,
+    /// ρ, since the alarm.
+    risen: S,
     /// What is left: 1 less the loss. Of a stuck rotor: its thrust over a quarter of the weight.
     factor: S,
     /// Lead over the next likeliest at the alarm, nats.
@@ -155,17 +158,26 @@ struct Suspect<S> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct HealthState<S> {
     suspects: [Suspect<S>; HYPOTHESES],
+    /// How many of them are found.
+    found: usize,
     mean: [S; 3],
+}
+
+/// What a residual says of one hypothesis: h'C⁻¹x̃ and h'C⁻¹h.
+#[derive(Clone, Copy)]
+struct Evidence<S> {
+    seen: S,
+    size: S,
 }
 
 impl<S: Scalar> HealthState<S> {
     pub(super) fn new() -> Self {
-        Self { suspects: [Suspect::innocent(); HYPOTHESES], mean: [S::ZERO; 3] }
+        Self { suspects: [Suspect::innocent(); HYPOTHESES], found: 0, mean: [S::ZERO; 3] }
     }
 
     /// Whether nothing is found, and nothing suspected.
     pub(super) fn is_calm(&self) -> bool {
-        !self.suspects.iter().any(|suspect| suspect.found || S::ONE.lt(suspect.nats).all())
+        self.found == 0 && !self.suspects.iter().any(|suspect| S::ONE.lt(suspect.nats).all())
     }
 
     /// The worst loss that was found, if any.
@@ -184,8 +196,18 @@ impl<S: Scalar> HealthState<S> {
             stuck: i >= EXCESS,
             onset_age_s: suspect.age_s,
             loss: S::ONE - suspect.factor,
-            confidence: half + half * crate::math::tanh(half * suspect.lead_nats),
+            confidence: half + half * tanh(half * suspect.lead_nats),
         })
+    }
+
+    /// S of each hypothesis, less its handicap.
+    pub(super) fn nats(&self) -> [S; HYPOTHESES] {
+        core::array::from_fn(|i| self.suspects[i].judged(i))
+    }
+
+    /// Which hypotheses are found.
+    pub(super) fn found(&self) -> [bool; HYPOTHESES] {
+        self.suspects.map(|suspect| suspect.found)
     }
 
     /// Standard error of the share of rotor `j`: large just after the onset.
@@ -200,7 +222,12 @@ impl<S: Scalar> HealthState<S> {
 
     /// Whether any rotor is stuck.
     pub(super) fn has_stuck(&self) -> bool {
-        (0..4).any(|j| self.is_stuck(j))
+        self.found > 0 && (0..4).any(|j| self.is_stuck(j))
+    }
+
+    /// Share of its thrust that rotor `j` is believed to make; none of a stuck one follows its command.
+    pub(super) fn share(&self, j: usize) -> S {
+        if self.is_stuck(j) { S::ZERO } else { self.suspects[ALL].factor * self.suspects[j].factor }
     }
 }
 
@@ -208,6 +235,7 @@ impl<S: Scalar> Health<S> {
     pub(super) fn try_new(
         config: &DetectorConfig,
         airframe: &Airframe,
+        columns: &[[f32; 3]; 4],
         filter_hz: f32,
         control_hz: f32,
     ) -> Result<Self, ConfigError> {
@@ -230,17 +258,24 @@ impl<S: Scalar> Health<S> {
         let kept = slope / (2.0 * control_hz - slope);
         let turning = square(slope * gyro_noise_rad_s) * (1.0 + kept);
         let falling = square(accelerometer_noise_m_s2) * kept;
-        let weight = |noise: f32, weather: f32| S::from_f32(1.0 / (noise + WEATHER * square(weather)));
+        let weight = |noise: f32, weather: f32| 1.0 / (noise + WEATHER * square(weather));
         let [ix, iy, _] = airframe.inertia_kg_m2;
         let independent_per_s = corner / 2.0;
         let s = S::from_f32;
         let rates = |d: f32| (s(independent_per_s * d), s(independent_per_s * d * d / 2.0));
+        let weights = [
+            weight(turning, torque_rms_nm / ix),
+            weight(turning, torque_rms_nm / iy),
+            weight(falling, force_rms_n / airframe.mass_kg),
+        ];
+        let ray = |column: &[f32; 3]| core::array::from_fn(|axis| column[axis] * weights[axis]);
+        let size = |column: &[f32; 3]| (0..3).map(|axis| square(column[axis]) * weights[axis]).sum::<f32>();
+        let spread = [0.0, 0.0, 1.0 / airframe.mass_kg];
+        let [a, b, c, d] = columns;
         Ok(Self {
-            weights: [
-                weight(turning, torque_rms_nm / ix),
-                weight(turning, torque_rms_nm / iy),
-                weight(falling, force_rms_n / airframe.mass_kg),
-            ],
+            rays: core::array::from_fn(|j| ray(&columns[j]).map(s)),
+            sizes: [a, b, c, d, &spread].map(|column| s(size(column))),
+            filter_rad_s: s(corner),
             loss_per_s: rates(loss),
             excess_per_s: rates(EXCESS_SOUGHT),
             alarm_nats: s(alarm_nats),
@@ -259,98 +294,153 @@ impl<S: Scalar> Health<S> {
         filter: &LowPass<S>,
         dt_s: S,
     ) {
-        let HealthState { suspects, mean } = &mut state.health;
-        let all = suspects[ALL].factor;
-        let mut effects = [[S::ZERO; 3]; HYPOTHESES];
-        for j in 0..4 {
-            let Column(column) = columns[j];
-            let felt_n = -state.felt_n[j];
-            let (alone_n, shared_n) = (felt_n * all, felt_n * suspects[j].factor);
-            // A stuck rotor loses nothing; more of its thrust is so much of a quarter of the weight.
-            let stuck = suspects[EXCESS + j].found;
-            for axis in 0..3 {
-                effects[j][axis] = if stuck { S::ZERO } else { column[axis] * alone_n };
-                effects[ALL][axis] = effects[ALL][axis] + column[axis] * shared_n;
-                effects[EXCESS + j][axis] =
-                    if stuck { column[axis] * self.quarter_n } else { -effects[j][axis] };
+        if state.health.found > 0 {
+            self.follow(state, columns, residual, filter, dt_s);
+        } else {
+            let keep = self.mean_per_s * dt_s;
+            for (mean, x) in state.health.mean.iter_mut().zip(residual.0) {
+                *mean = *mean + keep * (x - *mean);
             }
         }
-        let Residual(x) = residual;
-        let lossy: [bool; 4] = core::array::from_fn(|j| suspects[j].found || suspects[ALL].found);
-        let mut likeliest = (S::ZERO, S::ZERO, HYPOTHESES);
-        let quiet = !suspects.iter().any(|suspect| suspect.found);
-        for (i, (suspect, effect)) in suspects.iter_mut().zip(&effects).enumerate() {
-            let [wr, wp, wz] = self.weights;
-            let [hr, hp, hz] = *effect;
-            let (hr_w, hp_w, hz_w) = (hr * wr, hp * wp, hz * wz);
-            let seen = hr_w * (x[0] - mean[0]) + hp_w * (x[1] - mean[1]) + hz_w * (x[2] - mean[2]);
-            let size = hr_w * hr + hp_w * hp + hz_w * hz;
-            if suspect.found {
-                let explained = if i < EXCESS {
-                    suspect.follow(seen, size, filter, dt_s)
-                } else {
-                    let told = state.made_n[i - EXCESS] * self.quarter_inverse;
-                    suspect.follow_stuck(seen, size, told, filter, dt_s)
-                };
-                for axis in 0..3 {
-                    x[axis] = x[axis] - explained * effect[axis];
-                }
+        let (losses, all) = self.evidence(state, residual);
+        let HealthState { suspects, found, .. } = &mut state.health;
+        let scaled = |(gain, drift): (S, S)| (gain * dt_s, drift * dt_s);
+        let (loss, excess) = (scaled(self.loss_per_s), scaled(self.excess_per_s));
+        let limit = self.alarm_nats;
+        let mut alarmed = suspects[ALL].judge(&all, loss, limit, dt_s);
+        for (j, Evidence { seen, size }) in losses.into_iter().enumerate() {
+            alarmed = alarmed | suspects[j].judge(&Evidence { seen, size }, loss, limit, dt_s);
+            // What comes back from a loss is no excess.
+            if *found == 0 || !(suspects[j].found || suspects[ALL].found) {
+                let limit = limit + S::from_f32(HANDICAP_NATS);
+                alarmed = alarmed | suspects[EXCESS + j].judge(&Evidence { seen: -seen, size }, excess, limit, dt_s);
+            }
+        }
+        if alarmed.all() {
+            self.accuse(state);
+        }
+    }
+
+    /// What the residual says of a loss of each rotor, and of all alike. Of all, as if they pulled alike: in a hover they do.
+    fn evidence(&self, state: &RotorsState<S>, residual: &Residual<S>) -> ([Evidence<S>; 4], Evidence<S>) {
+        let HealthState { suspects, mean, .. } = &state.health;
+        let Residual([x, y, z]) = *residual;
+        let (x, y, z) = (x - mean[0], y - mean[1], z - mean[2]);
+        let all = suspects[ALL].factor;
+        let (mut seen_n, mut total_n) = (S::ZERO, S::ZERO);
+        let losses = core::array::from_fn(|j| {
+            let [ray_x, ray_y, ray_z] = self.rays[j];
+            let per_newton = ray_x * x + ray_y * y + ray_z * z;
+            let (alone_n, shared_n) = (state.felt_n[j] * all, state.felt_n[j] * suspects[j].factor);
+            seen_n = seen_n + shared_n * per_newton;
+            total_n = total_n + shared_n;
+            Evidence { seen: -(alone_n * per_newton), size: alone_n * alone_n * self.sizes[j] }
+        });
+        (losses, Evidence { seen: -seen_n, size: total_n * total_n * self.sizes[ALL] })
+    }
+
+    /// Finds the likeliest, and clears the others for now.
+    #[cold]
+    fn accuse(&self, state: &mut RotorsState<S>) {
+        let HealthState { suspects, found, .. } = &mut state.health;
+        let (mut likeliest, mut nats, mut next) = (0, S::ZERO, S::ZERO);
+        for (i, suspect) in suspects.iter_mut().enumerate().filter(|(_, suspect)| !suspect.found) {
+            let judged = suspect.judged(i);
+            if nats.lt(judged).all() {
+                (likeliest, nats, next) = (i, judged, nats);
+            } else {
+                next = next.max(judged);
+            }
+            suspect.nats = S::ZERO;
+        }
+        // 1 − exp(−ω t), by way of the tangent that is at hand.
+        let half = tanh(S::from_f32(0.5) * self.filter_rad_s * suspects[likeliest].age_s);
+        let risen = (half + half) / (S::ONE + half);
+        let found_one = |factor, age_s| Suspect { found: true, lead_nats: nats - next, risen, factor, age_s, ..Suspect::innocent() };
+        suspects[likeliest] = found_one(S::ONE, suspects[likeliest].age_s);
+        *found += 1;
+        if let Some(j) = likeliest.checked_sub(EXCESS) {
+            // From here on its thrust is a number: what it was believed to be.
+            let factor = state.felt_n[j] * suspects[ALL].factor * suspects[j].factor * self.quarter_inverse;
+            suspects[likeliest].factor = factor;
+            *found -= usize::from(suspects[j].found);
+            suspects[j] = Suspect::innocent();
+        }
+        self.settle(state);
+    }
+
+    /// Follows what is found, and takes it out of the residual.
+    fn follow(
+        &self,
+        state: &mut RotorsState<S>,
+        columns: &[Column<S>; 4],
+        residual: &mut Residual<S>,
+        filter: &LowPass<S>,
+        dt_s: S,
+    ) {
+        for i in 0..HYPOTHESES {
+            if !state.health.suspects[i].found {
                 continue;
             }
-            // What comes back from a loss is no excess.
-            let (gain, drift) = if i < EXCESS { self.loss_per_s } else { self.excess_per_s };
-            let known = i >= EXCESS && lossy[i - EXCESS];
-            let slope = if known { -size } else { gain * seen - drift * size };
-            suspect.nats = (suspect.nats + slope * dt_s).clamp(S::ZERO, S::from_f32(NATS_MAX));
-            let rising = S::ZERO.lt(suspect.nats);
-            filter.step(&mut suspect.risen, S::ONE);
-            suspect.risen = S::select(rising, suspect.risen, S::ZERO);
-            suspect.age_s = S::select(rising, suspect.age_s + dt_s, S::ZERO);
-            let nats = if i < EXCESS { suspect.nats } else { suspect.nats - S::from_f32(HANDICAP_NATS) };
-            if likeliest.0.lt(nats).all() {
-                likeliest = (nats, likeliest.0, i);
+            let (losses, all) = self.evidence(state, residual);
+            let HealthState { suspects, found, .. } = &mut state.health;
+            let mut effect = [S::ZERO; 3];
+            let explained = if let Some(j) = i.checked_sub(EXCESS) {
+                effect = columns[j].0.map(|x| x * self.quarter_n);
+                let told = state.made_n[j] * self.quarter_inverse;
+                let per_quarter = self.quarter_n / -(state.felt_n[j] * suspects[ALL].factor).max(S::from_f32(1e-3));
+                let evidence = Evidence {
+                    seen: losses[j].seen * per_quarter,
+                    size: self.sizes[j] * self.quarter_n * self.quarter_n,
+                };
+                suspects[i].follow_stuck(&evidence, told, filter, dt_s)
             } else {
-                likeliest.1 = likeliest.1.max(nats);
-            }
-        }
-        let (nats, next, i) = likeliest;
-        if self.alarm_nats.lt(nats).all() {
-            for suspect in suspects.iter_mut().filter(|suspect| !suspect.found) {
-                suspect.nats = S::ZERO;
-            }
-            suspects[i].found = true;
-            suspects[i].lead_nats = nats - next;
-            if let Some(j) = i.checked_sub(EXCESS) {
-                // From here on its thrust is a number: what it was believed to be.
-                suspects[i].factor = state.felt_n[j] * all * suspects[j].factor * self.quarter_inverse;
-                suspects[j] = Suspect::innocent();
-            }
-        } else if quiet {
-            let keep = self.mean_per_s * dt_s;
-            for axis in 0..3 {
-                mean[axis] = mean[axis] + keep * (x[axis] - mean[axis]);
-            }
+                for (j, column) in columns.iter().enumerate().filter(|(j, _)| i == ALL || i == *j) {
+                    let other = if i == ALL { suspects[j].factor } else { suspects[ALL].factor };
+                    let felt_n = state.felt_n[j] * other;
+                    effect = core::array::from_fn(|axis| effect[axis] - column.0[axis] * felt_n);
+                }
+                suspects[i].follow(if i == ALL { &all } else { &losses[i] }, filter, dt_s)
+            };
+            *found -= usize::from(!suspects[i].found);
+            residual.0 = core::array::from_fn(|axis| residual.0[axis] - explained * effect[axis]);
         }
         // What was explained away was so since the onset.
-        state.predicted = [state.slope_rad_s2[0] - x[0], state.slope_rad_s2[1] - x[1]];
-        state.force = x[2];
-        let all = suspects[ALL].factor;
+        let Residual([roll, pitch, force]) = *residual;
+        state.predicted = [state.slope_rad_s2[0] - roll, state.slope_rad_s2[1] - pitch];
+        state.force = force;
+        self.settle(state);
+    }
+
+    /// Writes down what is believed.
+    fn settle(&self, state: &mut RotorsState<S>) {
         for j in 0..4 {
-            let excess = &suspects[EXCESS + j];
-            let (share, stuck_n) = if excess.found {
-                (S::ZERO, excess.factor * self.quarter_n)
-            } else {
-                (all * suspects[j].factor, S::ZERO)
-            };
-            state.shares[j] = state.told[j].unwrap_or(share);
-            state.stuck_n[j] = stuck_n;
+            let stuck = &state.health.suspects[EXCESS + j];
+            state.stuck_n[j] = if stuck.found { stuck.factor * self.quarter_n } else { S::ZERO };
+            state.shares[j] = state.told[j].unwrap_or(state.health.share(j));
         }
     }
 }
 
 impl<S: Scalar> Suspect<S> {
+    /// S of hypothesis `i` as it is compared.
+    fn judged(&self, i: usize) -> S {
+        if i < EXCESS { self.nats } else { self.nats - S::from_f32(HANDICAP_NATS) }
+    }
+
+    /// Adds the evidence of one tick, by its rates a tick, unless it is found; returns whether S is beyond `limit`.
+    #[inline(always)]
+    fn judge(&mut self, evidence: &Evidence<S>, (gain, drift): (S, S), limit: S, dt_s: S) -> S::Mask {
+        if self.found {
+            return S::Mask::splat(false);
+        }
+        self.nats = (self.nats + (gain * evidence.seen - drift * evidence.size)).max(S::ZERO);
+        self.age_s = S::select(S::ZERO.lt(self.nats), self.age_s + dt_s, S::ZERO);
+        limit.lt(self.nats)
+    }
+
     /// Follows the factor; returns what of the effect of a total loss this explains.
-    fn follow(&mut self, seen: S, size: S, filter: &LowPass<S>, dt_s: S) -> S {
+    fn follow(&mut self, &Evidence { seen, size }: &Evidence<S>, filter: &LowPass<S>, dt_s: S) -> S {
         let s = S::from_f32;
         let error = seen / ((size + s(FAINT)) * self.risen);
         let before = self.factor;
@@ -362,7 +452,7 @@ impl<S: Scalar> Suspect<S> {
     }
 
     /// Follows the thrust of a stuck rotor that is told `told`, both over a quarter of the weight; returns how much more it explains.
-    fn follow_stuck(&mut self, seen: S, size: S, told: S, filter: &LowPass<S>, dt_s: S) -> S {
+    fn follow_stuck(&mut self, &Evidence { seen, size }: &Evidence<S>, told: S, filter: &LowPass<S>, dt_s: S) -> S {
         let s = S::from_f32;
         let error = seen / (size * self.risen);
         let before = self.factor;

@@ -6,12 +6,12 @@
 //!
 //! Least squares with forgetting, on roll and pitch together, only where ψ is far above what the gyro's noise makes of it by way of the
 //! commands: that part is correlated with the residual's own noise, and would pull the lag down. So it takes a manoeuvre.
-use crate::Scalar;
+use crate::{Mask, Scalar};
 use crate::filter::LowPass;
 
 /// Range of the lag, s: below, one tick is as long; above, nothing flies.
 const LAG_S: (f32, f32) = (0.005, 0.15);
-/// How long what was seen counts, s.
+/// How long what was seen in manoeuvres counts, s of manoeuvre.
 const MEMORY_S: f32 = 20.0;
 /// ∫ψ² that the first guess is worth, (rad/s³)² s.
 const FIRST_GUESS: f32 = 150.0;
@@ -38,8 +38,17 @@ impl<S: Scalar> Lag<S> {
         S::from_sum(self.lag_s)
     }
 
-    /// Takes the slope of the believed acceleration, rad/s³, and the residual, rad/s², about roll and pitch.
-    pub(super) fn learn(&mut self, slope: [S; 2], residual: [S; 2], motor: &LowPass<S>, filter: &LowPass<S>, dt_s: S) {
+    /// Takes the slope of the believed acceleration, rad/s³, and the residual, rad/s², about roll and pitch; `calm` says whether
+    /// nothing else can explain the residual.
+    pub(super) fn learn(
+        &mut self,
+        slope: [S; 2],
+        residual: [S; 2],
+        motor: &LowPass<S>,
+        filter: &LowPass<S>,
+        calm: impl FnOnce() -> bool,
+        dt_s: S,
+    ) {
         let s = S::from_f32;
         let mut square = S::ZERO;
         let mut product = S::ZERO;
@@ -49,12 +58,12 @@ impl<S: Scalar> Lag<S> {
             square = square + self.twice[axis] * self.twice[axis];
             product = product + self.twice[axis] * residual[axis];
         }
-        let excited = s(EXCITED * EXCITED / (UNIT * UNIT)).lt(square);
-        let known = S::from_sum(self.information);
-        let rate = S::select(excited, square, S::ZERO) - known * s(1.0 / MEMORY_S);
-        self.information = S::integrate(self.information, rate, dt_s, (S::ZERO, s(1000.0)));
-        let change = -product / ((known + s(FIRST_GUESS / (UNIT * UNIT))) * s(UNIT));
-        let change = S::select(excited, change, S::ZERO);
-        self.lag_s = S::integrate(self.lag_s, change, dt_s, (s(LAG_S.0), s(LAG_S.1)));
+        if s(EXCITED * EXCITED / (UNIT * UNIT)).lt(square).all() && calm() {
+            let known = S::from_sum(self.information);
+            let rate = square - known * s(1.0 / MEMORY_S);
+            self.information = S::integrate(self.information, rate, dt_s, (S::ZERO, s(1000.0)));
+            let change = -product / ((known + s(FIRST_GUESS / (UNIT * UNIT))) * s(UNIT));
+            self.lag_s = S::integrate(self.lag_s, change, dt_s, (s(LAG_S.0), s(LAG_S.1)));
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! The faults that were flown beside what physics allows: a bar for each, with the outcome of every controller below.
 use super::colour;
 use crate::controllers::ControllerName;
-use crate::fault::{Fault, FaultKind, Rotors};
+use crate::fault::{Fault, FaultKind, in_words};
 use crate::limits::{Heading, Hover, loss_max, stuck_n};
 use crate::plant::PlantKind;
 use crate::scenario::Scenario;
@@ -50,11 +50,6 @@ const fn name(hover: Hover) -> &'static str {
     }
 }
 
-fn listed(rotors: Rotors) -> String {
-    let numbers: Vec<_> = rotors.numbers().map(|number| number.to_string()).collect();
-    format!("rotor{} {}", if numbers.len() == 1 { "" } else { "s" }, numbers.join(", "))
-}
-
 /// The bar of one fault; none for faults that take no thrust.
 fn bar(vehicle: &Vehicle, fault: &Fault) -> Option<Bar> {
     let most_n = vehicle.thrust_n_max();
@@ -64,7 +59,7 @@ fn bar(vehicle: &Vehicle, fault: &Fault) -> Option<Bar> {
             |heading| stuck_n(vehicle, index, heading).map_or((0.0, 0.0), |(low, high)| (low / most_n, high / most_n));
         let (held, given_up) = (share(Heading::Held), share(Heading::GivenUp));
         Some(Bar {
-            title: format!("Thrust at which {} is stuck, share of its largest", listed(fault.rotors)),
+            title: format!("Thrust at which {} is stuck, share of its largest", in_words(fault.rotors)),
             parts: vec![
                 (given_up.0, Hover::Nowhere),
                 (held.0, Hover::WithoutHeading),
@@ -81,7 +76,7 @@ fn bar(vehicle: &Vehicle, fault: &Fault) -> Option<Bar> {
         kind => {
             let limit = |heading| loss_max(vehicle, fault.rotors, heading).unwrap_or(0.0);
             Some(Bar {
-                title: format!("Loss of thrust on {}", listed(fault.rotors)),
+                title: format!("Loss of thrust on {}", in_words(fault.rotors)),
                 parts: vec![
                     (limit(Heading::Held), Hover::WithHeading),
                     (limit(Heading::GivenUp), Hover::WithoutHeading),
@@ -119,8 +114,8 @@ pub fn svg(scenario: &Scenario, outcomes: &[Outcome]) -> Result<Option<String>, 
     if bars.is_empty() {
         return Ok(None);
     }
-    let below = TOP + BAR_PITCH * bars.len() as i32;
-    let height = below + LINE_PITCH * (outcomes.len() as i32 + 1);
+    let below = bars.iter().fold(TOP, |y, _| y + BAR_PITCH);
+    let height = outcomes.iter().fold(below + LINE_PITCH, |y, _| y + LINE_PITCH);
     let mut svg = String::new();
     {
         let root = SVGBackend::with_string(&mut svg, (WIDTH as u32, height as u32)).into_drawing_area();

@@ -1,8 +1,8 @@
 //! What a reader of a comparison should not miss, each with its number.
 use super::{Comparison, Entry, short};
 use crate::controllers::ControllerName;
-use crate::fault::{Fault, Rotors};
-use crate::limits::{Heading, Hover, Thrusts, hover, loss_max, thrusts_under, torque_nm};
+use crate::fault::{Fault, Rotors, in_words};
+use crate::limits::{Heading, Hover, Thrusts, hover, loss_max, thrusts_under, together, torque_nm};
 use crate::metrics::{Account, Flown};
 use crate::plant::PlantKind;
 use crate::reference::Reference;
@@ -21,14 +21,8 @@ fn percent(share: f64) -> String {
 }
 
 /// A length as people read it.
-pub(crate) fn length(m: f64) -> String {
+pub(super) fn length(m: f64) -> String {
     if m < 1.0 { format!("{:.1} mm", 1000.0 * m) } else { format!("{m:.2} m") }
-}
-
-/// `rotor 1`, `rotors 1, 3`.
-pub(crate) fn named(rotors: Rotors) -> String {
-    let numbers: Vec<_> = rotors.numbers().map(|number| number.to_string()).collect();
-    format!("rotor{} {}", if numbers.len() == 1 { "" } else { "s" }, numbers.join(", "))
 }
 
 impl Entry {
@@ -136,7 +130,9 @@ impl Comparison<'_> {
     /// Whether nothing but the controller itself moves the machine before the fault.
     fn is_calm(&self) -> bool {
         let wind = &self.scenario.wind;
-        wind.gust_rms_n == 0.0 && wind.torque_rms_nm == 0.0 && !matches!(self.scenario.reference, Reference::Helix(_))
+        wind.gust_rms_n == 0.0
+            && wind.torque_rms_nm == 0.0
+            && !matches!(self.scenario.reference, Reference::Helix(_) | Reference::Weave(_))
     }
 
     /// The median of a metric under one controller, and under each of the others.
@@ -192,8 +188,7 @@ impl Comparison<'_> {
                 None if self.scenario.plant == PlantKind::Rigid => beside_others(&vehicle, onset),
                 None => continue,
             });
-            let together = faults.iter().filter(|fault| fault.is_active(onset.from_s));
-            findings.extend(grip(&vehicle, &thrusts_under(&vehicle, together)));
+            findings.extend(grip(&vehicle, &thrusts_under(&vehicle, &together(faults, onset.from_s))));
         }
         let mut said = std::collections::BTreeSet::new();
         findings.retain(|finding| said.insert(finding.clone()));
@@ -206,19 +201,19 @@ fn beside_loss(vehicle: &Vehicle, rotors: Rotors, loss: f64) -> String {
     format!(
         "The fault takes {} of {}; a hover survives up to {} with its heading, {} without.",
         percent(loss),
-        named(rotors),
+        in_words(rotors),
         limit(Heading::Held),
         limit(Heading::GivenUp)
     )
 }
 
 fn beside_others(vehicle: &Vehicle, fault: &Fault) -> String {
-    let what = match hover(vehicle, &thrusts_under(vehicle, std::iter::once(fault))) {
+    let what = match hover(vehicle, &thrusts_under(vehicle, &[fault])) {
         Hover::WithHeading => "a hover survives it, heading included",
         Hover::WithoutHeading => "a hover survives it, but not the heading",
         Hover::Nowhere => "no hover survives it",
     };
-    format!("The fault is `{}` on {}: by statics {what}.", fault.kind.name(), named(fault.rotors))
+    format!("The fault is `{}` on {}: by statics {what}.", fault.kind.name(), in_words(fault.rotors))
 }
 
 /// An axis that the rotors cannot turn the machine about both ways while they carry it.
@@ -236,7 +231,7 @@ fn grip(vehicle: &Vehicle, thrusts: &Thrusts) -> Option<String> {
         } else {
             format!("turn it one way only, by up to {:.2} N m,", high.max(-low))
         };
-        let arms = named(Rotors::new(std::array::from_fn(|i| i % 2 == arm)));
+        let arms = in_words(Rotors::new(std::array::from_fn(|i| i % 2 == arm)));
         Some(format!(
             "While the rotors carry the weight they {how} about the axis through {arms}: only a spin brings it back."
         ))

@@ -2,13 +2,13 @@
 use super::Comparison;
 use crate::metrics::METRICS;
 
-const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:1400px;margin:2rem auto;padding:0 1rem;color:#222}\
+pub(crate) const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:1400px;margin:2rem auto;padding:0 1rem;color:#222}\
 table{border-collapse:collapse}td,th{padding:.2rem .9rem;border-bottom:1px solid #ddd;text-align:right}\
 td:first-child,th:first-child{text-align:left;font-family:ui-monospace,monospace}\
 pre{background:#f5f5f3;padding:1rem;overflow-x:auto}svg{width:100%;height:auto}";
 
 /// Text as HTML shows it.
-pub(super) fn escaped(text: &str) -> String {
+pub(crate) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 

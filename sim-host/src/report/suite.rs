@@ -8,6 +8,7 @@ use comfy_table::presets;
 use control_core::Knowledge;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use std::fmt::Write;
 
 /// The scenarios of a suite, each flown under the same controllers.
 pub struct Suite<'a>(pub Vec<Comparison<'a>>);
@@ -37,15 +38,7 @@ const COLUMNS: [Column; 8] = [
 
 /// Two digits, or the whole number.
 fn brief(x: f64) -> String {
-    let decimals = if x < 0.0995 {
-        3
-    } else if x < 0.995 {
-        2
-    } else if x < 9.95 {
-        1
-    } else {
-        0
-    };
+    let decimals = [0.0995, 0.995, 9.95].into_iter().filter(|&least| x < least).count();
     format!("{x:.decimals$}")
 }
 
@@ -69,11 +62,11 @@ impl Entry {
     fn outcome(&self) -> String {
         let mut text = format!("{} of {}", self.survived(), self.flights.len());
         if self.crashed() > 0 {
-            text += &format!(", {} crashed", self.crashed());
+            let _ = write!(text, ", {} crashed", self.crashed());
         }
         let speeds = self.flights.iter().filter_map(|flown| Some(flown.landing?.touchdown.speed_m_s));
         if let Some(fastest) = speeds.max_by(f64::total_cmp) {
-            text += &format!(", {} came down at {fastest:.1} m/s", self.came_down());
+            let _ = write!(text, ", {} came down at {fastest:.1} m/s", self.came_down());
         }
         text
     }

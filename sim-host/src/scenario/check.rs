@@ -107,6 +107,14 @@ impl Scenario {
                 range("reference.helix.climb_m_s", helix.climb_m_s, -10.0, 10.0)?;
                 range("reference.helix.blend_s", helix.blend_s, 0.1, DURATION_S_MAX)
             }
+            Reference::Weave(weave) => {
+                range("reference.weave.at_s", weave.at_s, 0.0, self.duration_s)?;
+                range("reference.weave.altitude_m", weave.altitude_m, -POSITION_M_MAX, POSITION_M_MAX)?;
+                range("reference.weave.tilt_rad", weave.tilt_rad, 0.0, 0.45)?;
+                range("reference.weave.frequency_hz", weave.frequency_hz, 0.05, 5.0)?;
+                range("reference.weave.direction_rad", weave.direction_rad, -YAW_RAD_MAX, YAW_RAD_MAX)?;
+                range("reference.weave.blend_s", weave.blend_s, 0.1, DURATION_S_MAX)
+            }
             Reference::Waypoints(points) => {
                 let mut earliest_s = 0.0;
                 for (i, waypoint) in points.iter().enumerate() {
