@@ -64,7 +64,7 @@ fn bad_scenarios_are_refused_in_one_line_that_names_the_key() {
             "gains of nobody",
             "[vehicle]",
             "[controllers.nobody.gains]\n[vehicle]",
-            ["controllers", "nobody", "expected one of `pid`"],
+            ["controllers", "nobody", "expected one of `default`"],
         ),
         (
             "a gain that is not a number",
