@@ -5,6 +5,7 @@ use control_core::frames::{Attitude, Vec3};
 use control_core::{Airframe, Axis, Config, Controller, Input, Law};
 use proptest::prelude::*;
 use sim_host::controllers::ControllerName;
+use sim_host::fault::FaultKind;
 use system_tests::symbols::{Flown, Symbols, axes, root};
 use system_tests::{fly, metric, shipped};
 
@@ -309,7 +310,7 @@ fn the_monitor_is_quiet_where_the_law_holds_and_speaks_where_it_cannot() {
     assert!((0.02..0.03).contains(&rising), "{rising}");
     assert_eq!((at_bound, refused), (0.0, 0.0));
     // More than the rotors have left: the machine sinks for a second, and comes back.
-    scenario.fault[0].loss = 0.6;
+    scenario.fault[0].kind = FaultKind::LossOfEffectiveness { loss: 0.6 };
     scenario.fault[0].until_s = scenario.fault[0].from_s + 1.0;
     let [rising, _, refused] = shares(&scenario, ControllerName::Lgs);
     assert!(rising > 0.1 && refused > 0.3, "{rising} {refused}");

@@ -114,7 +114,9 @@ impl<S: Scalar> Allocator<S> {
     /// little, so that it is felt when it works again.
     pub fn allocate_weakened(&self, demand: &Demand<S>, shares: &[S; 4]) -> Allocation<S> {
         let least = S::from_f32(SHARE_MIN);
-        let max_n = core::array::from_fn(|j| self.max_n[j] * shares[j]);
+        let max_n = core::array::from_fn(|j| {
+            S::select(shares[j].lt(least), S::ZERO, self.max_n[j] * shares[j])
+        });
         let mut allocation = self.split(demand, max_n);
         for j in 0..4 {
             let command = allocation.thrust_n[j] / shares[j].max(least);
@@ -158,8 +160,9 @@ impl<S: Scalar> Allocator<S> {
     }
 }
 
-/// Share of its thrust below which a rotor is not counted on.
-const SHARE_MIN: f32 = 0.05;
+/// Share of its thrust below which a rotor is not counted on: what little it is believed to make may be noise, and a rotor that is told to
+/// make up for it pulls with all its might when it works again.
+const SHARE_MIN: f32 = 0.15;
 /// Command of a rotor that is not counted on, share of its maximum.
 const PROBE: f32 = 0.08;
 

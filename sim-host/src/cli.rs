@@ -1,15 +1,12 @@
 //! The command line.
 use crate::controllers::ControllerName;
-use crate::fault::Rotors;
-use crate::figures::{FIGURES, Figure, Trace, png, svg};
+use crate::figures::{FIGURES, Trace, limits::Outcome, png, svg};
 use crate::flight::{Flight, NumberFormat, Sample};
-use crate::limits::{CASES, Heading, loss_max};
 use crate::log::{Log, TickRecord};
 use crate::metrics::{Flown, METRICS, fly_measured};
 use crate::output::Files;
 use crate::report::{Comparison, Entry, Page};
-use crate::scenario::{Scenario, THRUST_TO_WEIGHT};
-use crate::vehicle::{AirframeName, Vehicle, VehicleKeys};
+use crate::scenario::Scenario;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
@@ -20,6 +17,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 mod detect;
+mod limits;
+mod suite;
 
 /// Flies quadrotors that lose thrust, and compares the controllers that keep them up.
 #[derive(Parser)]
@@ -37,8 +36,10 @@ enum Command {
     Compare(CompareArgs),
     /// Fly the detector through silent losses and healthy hours: delays, misses, false alarms and the ROC.
     Detect(detect::DetectArgs),
-    /// Print the largest loss of thrust that a hover survives, by linear program.
-    Limits(LimitsArgs),
+    /// Fly many scenarios under each controller: one table, suite.json, suite.html and suite.md.
+    Suite(suite::SuiteArgs),
+    /// Print the largest loss of thrust, and the thrusts of a stuck rotor, that a hover survives, by linear program.
+    Limits(limits::LimitsArgs),
     /// Print the JSON Schema of a scenario.
     Schema,
 }
@@ -65,16 +66,6 @@ struct FlyArgs {
     /// Also write every tick's inputs and thrusts to this file, for a board to repeat.
     #[arg(long, value_name = "FILE")]
     ticks: Option<PathBuf>,
-}
-
-#[derive(Args)]
-struct LimitsArgs {
-    /// The machine.
-    #[arg(value_enum)]
-    airframe: AirframeName,
-    /// Largest total thrust over weight.
-    #[arg(long, default_value_t = VehicleKeys::default().thrust_to_weight)]
-    thrust_to_weight: f64,
 }
 
 #[derive(Args)]
@@ -124,7 +115,8 @@ pub fn run() -> ExitCode {
         Command::Fly(args) => fly(args),
         Command::Compare(args) => compare(args),
         Command::Detect(args) => detect::detect(args),
-        Command::Limits(args) => limits(args),
+        Command::Suite(args) => suite::suite(args),
+        Command::Limits(args) => limits::limits(args),
         Command::Schema => schema(),
     };
     result.map_or_else(
@@ -191,8 +183,12 @@ fn say(text: &str) -> Result<(), Failure> {
     }
 }
 
-/// Draws every figure, adds each as PNG, and returns the SVGs.
-fn draw(files: &mut Files, traces: &[Trace], scenario: &Scenario) -> Result<Vec<(&'static Figure, String)>, Failure> {
+fn undrawn(error: impl std::fmt::Display) -> Failure {
+    Failure { text: format!("the figures cannot be drawn: {error}"), code: 1 }
+}
+
+/// Draws every figure, adds each as PNG, and returns their titles and SVGs.
+fn draw(files: &mut Files, traces: &[Trace], scenario: &Scenario) -> Result<Vec<(&'static str, String)>, Failure> {
     let windows_s = scenario.fault_windows_s();
     let drawn: Result<Vec<_>, Box<dyn Error + Send + Sync>> = FIGURES
         .par_iter()
@@ -202,12 +198,23 @@ fn draw(files: &mut Files, traces: &[Trace], scenario: &Scenario) -> Result<Vec<
             Ok((figure, svg, png))
         })
         .collect();
-    let drawn = drawn.map_err(|error| Failure { text: format!("the figures cannot be drawn: {error}"), code: 1 })?;
-    let add = |(figure, svg, png): (&'static Figure, String, Vec<u8>)| {
+    let mut titled = Vec::new();
+    for (figure, svg, png) in drawn.map_err(undrawn)? {
         files.add(format!("{}.png", figure.name), png);
-        (figure, svg)
+        titled.push((figure.title, svg));
+    }
+    Ok(titled)
+}
+
+/// Draws the faults beside what physics allows, if there is something to draw, and adds it as PNG and SVG.
+fn draw_limits(files: &mut Files, comparison: &Comparison) -> Result<Option<(&'static str, String)>, Failure> {
+    let outcomes: Vec<Outcome> = comparison.entries.iter().map(Entry::outcome_against_limits).collect();
+    let Some(svg) = crate::figures::limits::svg(comparison.scenario, &outcomes).map_err(undrawn)? else {
+        return Ok(None);
     };
-    Ok(drawn.into_iter().map(add).collect())
+    files.add("limits.png", png(&svg).map_err(undrawn)?);
+    files.add("limits.svg", svg.clone());
+    Ok(Some(("The faults beside what physics allows", svg)))
 }
 
 fn fly(args: &FlyArgs) -> Result<(), Failure> {
@@ -258,15 +265,15 @@ fn compare(args: &CompareArgs) -> Result<(), Failure> {
     let scenario = load(&args.scenario)?;
     let folder = folder(args.out.as_ref(), &args.scenario)?;
     let base = args.seed.unwrap_or(scenario.seed);
-    let mut named = BTreeSet::new();
-    let controllers: Vec<_> = args.controllers.iter().copied().filter(|&name| named.insert(name)).collect();
+    let controllers = chosen(&args.controllers);
     // Drawn on a terminal only, on standard error.
     let bar = ProgressBar::new(controllers.len() as u64 * args.seeds);
     let mut entries = Vec::new();
     let mut logs = Vec::new();
     for controller in controllers {
-        let (flights, log) = fly_seeds(args, &scenario, controller, base, &bar)?;
-        entries.push(Entry { controller, config: controller.config(&scenario), flights });
+        let seeds = Seeds { base, count: args.seeds, format: args.format };
+        let (entry, log) = fly_seeds(&args.scenario, &scenario, controller, &seeds, &bar)?;
+        entries.push(entry);
         logs.push((controller, log));
     }
     bar.finish_and_clear();
@@ -281,7 +288,8 @@ fn compare(args: &CompareArgs) -> Result<(), Failure> {
 
     let mut files = Files::default();
     let traces: Vec<_> = logs.iter().map(|(controller, log)| Trace { controller: *controller, log }).collect();
-    let figures = draw(&mut files, &traces, &scenario)?;
+    let mut figures = draw(&mut files, &traces, &scenario)?;
+    figures.extend(draw_limits(&mut files, &comparison)?);
     for Trace { controller, log } in &traces {
         files.add(format!("log_{controller}.csv"), log.to_csv().map_err(Failure::writing(&folder))?);
     }
@@ -298,26 +306,42 @@ fn compare(args: &CompareArgs) -> Result<(), Failure> {
     say(&format!("{}{where_to}\n", comparison.table()))
 }
 
+/// Names without those that were named before.
+fn chosen(controllers: &[ControllerName]) -> Vec<ControllerName> {
+    let mut named = BTreeSet::new();
+    controllers.iter().copied().filter(|&name| named.insert(name)).collect()
+}
+
+/// Which flights are flown, and in what arithmetic.
+struct Seeds {
+    base: u64,
+    count: u64,
+    format: NumberFormat,
+}
+
 /// Every flight of one controller, and the log of the first.
 fn fly_seeds(
-    args: &CompareArgs,
+    file: &Path,
     scenario: &Scenario,
     controller: ControllerName,
-    base: u64,
+    seeds: &Seeds,
     bar: &ProgressBar,
-) -> Result<(Vec<Flown>, Log), Failure> {
+) -> Result<(Entry, Log), Failure> {
     let fly = |seed: u64, observe: &mut dyn FnMut(&Sample)| {
-        let flight = Flight { scenario, controller, seed, format: args.format };
-        let flown = fly_measured(&flight, observe).map_err(refused(&args.scenario, controller));
+        let flight = Flight { scenario, controller, seed, format: seeds.format };
+        let flown = fly_measured(&flight, observe).map_err(refused(file, controller));
         bar.inc(1);
         flown
     };
     let mut log = Log::at_rate(LOG_HZ.into(), scenario.control_hz());
-    let mut flights = vec![fly(base, &mut |sample| log.note(sample))?];
-    let others: Result<Vec<_>, _> =
-        (1..args.seeds).into_par_iter().map(|i| fly(base.wrapping_add(i), &mut |_| {})).collect();
+    let others = |i: u64| fly(seeds.base.wrapping_add(i), &mut |_| {});
+    let (first, others): (_, Result<Vec<_>, _>) = rayon::join(
+        || fly(seeds.base, &mut |sample| log.note(sample)),
+        || (1..seeds.count).into_par_iter().map(others).collect(),
+    );
+    let mut flights = vec![first?];
     flights.extend(others?);
-    Ok((flights, log))
+    Ok((Entry { controller, config: controller.config(scenario), flights }, log))
 }
 
 /// The command that makes the same comparison again.
@@ -331,25 +355,6 @@ fn command_line(args: &CompareArgs, comparison: &Comparison) -> String {
         args.seeds,
         comparison.seed,
     )
-}
-
-fn limits(args: &LimitsArgs) -> Result<(), Failure> {
-    let thrust_to_weight = args.thrust_to_weight;
-    if !(THRUST_TO_WEIGHT.0..=THRUST_TO_WEIGHT.1).contains(&thrust_to_weight) {
-        let (low, high) = THRUST_TO_WEIGHT;
-        return Err(Failure::bad_input(format!(
-            "--thrust-to-weight = {thrust_to_weight}: must be from {low} to {high}"
-        )));
-    }
-    let keys = VehicleKeys { thrust_to_weight, ..VehicleKeys::default() };
-    let vehicle = Vehicle::new(args.airframe, &keys);
-    let line = |(name, failing, heading): (&str, Rotors, Heading)| {
-        let limit = loss_max(&vehicle, failing, heading);
-        format!("{name:<30} {}", limit.map_or("cannot hover".to_owned(), |loss| format!("{:5.1} %", 100.0 * loss)))
-    };
-    let head = format!("Largest loss of thrust in a hover, thrust-to-weight {thrust_to_weight}:");
-    let lines: Vec<_> = std::iter::once(head).chain(CASES.map(line)).collect();
-    say(&(lines.join("\n") + "\n"))
 }
 
 fn schema() -> Result<(), Failure> {

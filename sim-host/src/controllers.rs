@@ -244,6 +244,9 @@ impl ControllerName {
     /// What the project is about, in the order of tables: what is compared unless the command line says otherwise.
     pub const MAIN: [Self; 3] = [Self::Pid, Self::Raw, Self::Lgs];
 
+    /// Who flies a suite of faults unless the command line says otherwise: the one that flies, one that knows, one that learns only.
+    pub const TOLERANT: [Self; 3] = [Self::Default, Self::Oracle, Self::Lgs];
+
     /// What this controller flies with in `scenario`.
     pub fn config(self, scenario: &Scenario) -> Config {
         let law = match self {

@@ -7,6 +7,12 @@ use rand::RngExt;
 use rand_distr::{Distribution, Exp1};
 use rand_pcg::Pcg64;
 
+/// Rotors as people name them: `rotor 1`, `rotors 1, 3`.
+pub fn in_words(rotors: Rotors) -> String {
+    let numbers: Vec<_> = rotors.numbers().map(|number| number.to_string()).collect();
+    format!("rotor{} {}", if numbers.len() == 1 { "" } else { "s" }, numbers.join(", "))
+}
+
 /// Something that goes on and off.
 #[derive(Clone, Debug)]
 struct Toggle {

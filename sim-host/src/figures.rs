@@ -10,6 +10,7 @@ use resvg::{tiny_skia, usvg};
 use std::error::Error;
 use std::ops::Range;
 
+pub mod limits;
 mod panels;
 
 use panels::Panel;
@@ -31,7 +32,7 @@ fn colour(controller: ControllerName) -> RGBColor {
         ControllerName::Pid => RGBColor(213, 94, 0),
         ControllerName::Raw => RGBColor(0, 158, 115),
         ControllerName::Lgs => RGBColor(0, 114, 178),
-        ControllerName::LgsIndi => RGBColor(0, 0, 0),
+        ControllerName::LgsIndi => RGBColor(110, 70, 170),
         ControllerName::Indi => RGBColor(230, 159, 0),
         ControllerName::Lqi => RGBColor(204, 121, 167),
         ControllerName::PidOpt => RGBColor(86, 180, 233),

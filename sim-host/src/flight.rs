@@ -231,7 +231,7 @@ impl Flight<'_> {
             let input = sensors.sample(&truth, actuators.vibration(), &target, dt_s);
             let told = actuators.told();
             let shares = if self.controller == ControllerName::Oracle { told.truth.map(Some) } else { told.reported };
-            controller.report(&mut state, shares.map(|share| share.map(|share| S::from_f32(share as f32))));
+            controller.report(&mut state, shares.map(|share| share.map(S::from_f32)));
             let output = controller.tick(&mut state, &input.cast()).to_f32();
             let telemetry = controller.telemetry(&state).to_f32();
             let command_n = output.thrust_n.map(f64::from);

@@ -1,7 +1,14 @@
 //! What is measured of a flight, from the true state at the control rate and the commanded thrusts.
 use crate::flight::{Crash, Ending, Flight, Landing, Sample};
 use crate::scenario::Scenario;
-use control_core::{Axis, ConfigError, Demand};
+use control_core::{Axis, ConfigError};
+
+mod account;
+mod list;
+
+pub use account::{Account, FirstAlarm};
+use account::{Accountant, refused};
+pub use list::{METRICS, Metric};
 
 /// Band around the setpoint that counts as recovered, m.
 pub const RECOVERED_M: f64 = 0.1;
@@ -15,119 +22,6 @@ const SETTLED_S: f64 = 5.0;
 const RETURNED_S: f64 = 20.0;
 /// How long before the fault a limit cycle is looked for, s.
 const CYCLE_WINDOW_S: f64 = 10.0;
-/// A refusal of thrust that is more than rounding in any number format, N.
-const REFUSED_N: f32 = 1e-3;
-/// The same of a torque, N m.
-const REFUSED_NM: f32 = 2e-4;
-
-/// One metric: its name in JSON, what it is, and where it is.
-pub struct Metric {
-    /// Name with unit, as in JSON.
-    pub name: &'static str,
-    /// What it says, in words.
-    pub title: &'static str,
-    /// Its value in a flight; none if the flight has nothing to measure it on.
-    pub of: fn(&Metrics) -> Option<f64>,
-}
-
-/// Every metric, in the order of tables.
-pub static METRICS: [Metric; 19] = [
-    Metric {
-        name: "altitude_deviation_max_m",
-        title: "largest |altitude error| during the faults",
-        of: |m| m.altitude_deviation_max_m,
-    },
-    Metric {
-        name: "lateral_deviation_max_m",
-        title: "largest |north error| or |east error| during the faults",
-        of: |m| m.lateral_deviation_max_m,
-    },
-    Metric {
-        name: "yaw_deviation_max_rad",
-        title: "largest |heading error| during the faults",
-        of: |m| m.yaw_deviation_max_rad,
-    },
-    Metric {
-        name: "altitude_rebound_max_m",
-        title: "largest |altitude error| after the last fault has ended",
-        of: |m| m.altitude_rebound_max_m,
-    },
-    Metric {
-        name: "altitude_iae_m_s",
-        title: "integral of |altitude error| from the first onset to the end of the flight",
-        of: |m| m.altitude_iae_m_s,
-    },
-    Metric {
-        name: "altitude_recovery_s",
-        title: "from an onset to the last time outside ±0.1 m before the next; the longest, 0 if it never left",
-        of: |m| m.altitude_recovery_s,
-    },
-    Metric {
-        name: "altitude_overshoot_m",
-        title: "largest overshoot of the first altitude step",
-        of: |m| m.altitude_overshoot_m,
-    },
-    Metric {
-        name: "motor_total_variation_n_s",
-        title: "sum over rotors of |change of commanded thrust| per second of fault, N/s",
-        of: |m| m.motor_total_variation_n_s,
-    },
-    Metric {
-        name: "ki_ratio_z",
-        title: "mean k_i of altitude in the last 5 s of the first fault over that in the last 5 s before it",
-        of: |m| m.ki_ratio_z,
-    },
-    Metric {
-        name: "lateral_limit_cycle_m",
-        title: "half the peak-to-peak of the worse of north and east in the last 10 s before the first fault",
-        of: |m| m.lateral_limit_cycle_m,
-    },
-    Metric {
-        name: "altitude_drop_max_m",
-        title: "farthest below the altitude setpoint during the faults",
-        of: |m| m.altitude_drop_max_m,
-    },
-    Metric {
-        name: "horizontal_excursion_max_m",
-        title: "farthest from the setpoint in the horizontal plane during the faults",
-        of: |m| m.horizontal_excursion_max_m,
-    },
-    Metric {
-        name: "position_error_settled_m",
-        title: "largest distance from the setpoint from 5 s after an onset until that fault's end",
-        of: |m| m.position_error_settled_m,
-    },
-    Metric {
-        name: "position_error_end_m",
-        title: "distance from the setpoint 20 s after the last fault's end, or at the end of the flight if that is sooner",
-        of: |m| m.position_error_end_m,
-    },
-    Metric {
-        name: "tilt_max_rad",
-        title: "largest angle of the rotors' axis to the vertical from the first onset on",
-        of: |m| m.tilt_max_rad,
-    },
-    Metric {
-        name: "yaw_rate_max_rad_s",
-        title: "largest |yaw rate| from the first onset on",
-        of: |m| m.yaw_rate_max_rad_s,
-    },
-    Metric {
-        name: "lyapunov_rising_share",
-        title: "share of the faults' time with V of altitude rising outside the boundary layer",
-        of: |m| m.lyapunov_rising_share,
-    },
-    Metric {
-        name: "gain_at_bound_share",
-        title: "share of the flight with any gain on, or beyond, a bound of the robust law",
-        of: |m| m.gain_at_bound_share,
-    },
-    Metric {
-        name: "refused_share",
-        title: "share of the faults' time with thrust, roll or pitch refused by the allocation",
-        of: |m| m.refused_share,
-    },
-];
 
 /// Measurements of one flight; see [`METRICS`] for what each says.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -153,13 +47,6 @@ pub struct Metrics {
     refused_share: Option<f64>,
 }
 
-impl Metric {
-    /// The metric of this JSON name.
-    pub fn named(name: &str) -> Option<&'static Self> {
-        METRICS.iter().find(|metric| metric.name == name)
-    }
-}
-
 /// A flight that was flown and measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Flown {
@@ -171,6 +58,8 @@ pub struct Flown {
     pub landing: Option<Landing>,
     /// What was measured until then.
     pub metrics: Metrics,
+    /// What the controller said and could not do, until then.
+    pub account: Account,
 }
 
 impl Flown {
@@ -183,8 +72,10 @@ impl Flown {
 /// Flies and measures; `observe` sees every tick as well.
 pub fn fly_measured(flight: &Flight, observe: &mut dyn FnMut(&Sample)) -> Result<Flown, ConfigError> {
     let mut meter = Meter::new(flight.scenario);
+    let mut accountant = Accountant::new(flight.scenario);
     let ending = flight.fly(&mut |sample| {
         meter.note(sample);
+        accountant.note(sample);
         observe(sample);
     })?;
     let (crash, landing) = match ending {
@@ -192,7 +83,7 @@ pub fn fly_measured(flight: &Flight, observe: &mut dyn FnMut(&Sample)) -> Result
         Some(Ending::Crashed(crash)) => (Some(crash), None),
         Some(Ending::CameDown(landing)) => (None, Some(landing)),
     };
-    Ok(Flown { seed: flight.seed, crash, landing, metrics: meter.finish() })
+    Ok(Flown { seed: flight.seed, crash, landing, metrics: meter.finish(), account: accountant.finish() })
 }
 
 /// Running mean.
@@ -369,10 +260,9 @@ impl Meter {
         let at_bound = axes.iter().any(|axis| axis.at_bound().contains(&true));
         self.gain_at_bound.note(f64::from(at_bound));
         if self.windows_s.iter().any(|&(from_s, until_s)| (from_s..until_s).contains(&sample.t_s)) {
-            let Demand { thrust_n, roll_nm, pitch_nm, yaw_nm: _ } = sample.telemetry.refused;
-            let refused = thrust_n.abs() > REFUSED_N || roll_nm.abs().max(pitch_nm.abs()) > REFUSED_NM;
+            let (thrust, tilting) = refused(sample);
             self.v_rises.note(f64::from(axes[Axis::Z as usize].v_rises()));
-            self.refused.note(f64::from(refused));
+            self.refused.note(f64::from(thrust || tilting));
         }
     }
 

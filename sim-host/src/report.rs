@@ -1,21 +1,22 @@
-//! A comparison in words and numbers: terminal table, JSON and, in `html.rs`, the report.
+//! A comparison in words and numbers: terminal table, JSON and, in `html.rs`, the report; many of them in `suite.rs`.
 use crate::controllers::{ControllerName, gains_json};
-use crate::fault::{Fault, Rotors};
 use crate::flight::{Landing, NumberFormat, Touchdown};
-use crate::limits::{Heading, loss_max};
-use crate::metrics::{Flown, METRICS, Metric, median_and_worst};
+use crate::limits::worst_hover;
+use crate::metrics::{FirstAlarm, Flown, METRICS, Metric, median_and_worst};
 use crate::plant::PlantKind;
-use crate::reference::Reference;
 use crate::scenario::Scenario;
-use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
+use comfy_table::{CellAlignment, ContentArrangement, Table, TableStyle, presets};
 use control_core::Config;
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
 
+mod findings;
 mod html;
+mod suite;
 
 pub use html::Page;
 pub(crate) use html::{STYLE, escaped};
+pub use suite::Suite;
 
 /// The flights of one controller.
 pub struct Entry {
@@ -43,9 +44,6 @@ pub struct Comparison<'a> {
     pub entries: Vec<Entry>,
 }
 
-/// Half a peak-to-peak that is called a limit cycle, m: far above what the sensors' noise makes.
-const LIMIT_CYCLE_M: f64 = 0.03;
-
 impl Entry {
     /// Number of flights that flew to their end.
     pub fn survived(&self) -> usize {
@@ -63,6 +61,15 @@ impl Entry {
 
     fn metric(&self, name: &str) -> Option<(f64, f64)> {
         median_and_worst(&self.flights, Metric::named(name)?)
+    }
+
+    /// `median (worst)` over the flights that survived.
+    fn cell(&self, metric: &Metric) -> String {
+        match median_and_worst(&self.flights, metric) {
+            Some((median, worst)) if short(median) != short(worst) => format!("{} ({})", short(median), short(worst)),
+            Some((median, _)) => short(median),
+            None => "–".to_owned(),
+        }
     }
 
     fn json(&self) -> Value {
@@ -84,6 +91,17 @@ impl Entry {
             })
             .collect();
         entry.insert("crashes".to_owned(), Value::Array(crashes));
+        let alarms: Vec<Value> = self
+            .flights
+            .iter()
+            .filter_map(|flown| {
+                let FirstAlarm { delay_s, rotor, loss } = flown.account.alarm?;
+                // Numbered as in scenarios; null if all lost alike.
+                let rotor = rotor.map(|index| index + 1);
+                Some(json!({"seed": flown.seed, "delay_s": delay_s, "rotor": rotor, "loss": loss}))
+            })
+            .collect();
+        entry.insert("first_alarms".to_owned(), Value::Array(alarms));
         let landings: Vec<Value> = self
             .flights
             .iter()
@@ -116,6 +134,7 @@ fn conditions(scenario: &Scenario) -> Value {
         "noise": scenario.noise,
         "wind": scenario.wind,
         "faults": scenario.fault,
+        "hover": worst_hover(scenario).map(|hover| hover.to_string()),
     })
 }
 
@@ -124,6 +143,16 @@ fn short(x: f64) -> String {
     let digits = if x == 0.0 { 0.0 } else { x.abs().log10().floor() };
     let decimals = (2.0 - digits).clamp(0.0, 6.0) as usize;
     format!("{x:.decimals$}")
+}
+
+/// A table as text, in one of the styles of `comfy_table`; the columns after the first `names` are of numbers.
+fn table(style: TableStyle, header: Vec<String>, rows: Vec<Vec<String>>, names: usize) -> Table {
+    let mut table = Table::new();
+    table.load_style(style).set_content_arrangement(ContentArrangement::Disabled).set_header(header).add_rows(rows);
+    for column in table.column_iter_mut().skip(names) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table
 }
 
 impl Comparison<'_> {
@@ -149,13 +178,7 @@ impl Comparison<'_> {
         };
         let mut rows = vec![counts("survived", Entry::survived), counts("came down", Entry::came_down)];
         for metric in &METRICS {
-            let cells = self.entries.iter().map(|entry| match median_and_worst(&entry.flights, metric) {
-                Some((median, worst)) if short(median) != short(worst) => {
-                    format!("{} ({})", short(median), short(worst))
-                }
-                Some((median, _)) => short(median),
-                None => "–".to_owned(),
-            });
+            let cells = self.entries.iter().map(|entry| entry.cell(metric));
             rows.push(std::iter::once(metric.name.to_owned()).chain(cells).collect());
         }
         rows
@@ -168,118 +191,11 @@ impl Comparison<'_> {
 
     /// The table for the terminal, with what stands out below it.
     pub fn table(&self) -> String {
-        let mut table = Table::new();
-        table
-            .load_style(presets::UTF8_BORDERS_ONLY)
-            .set_content_arrangement(ContentArrangement::Disabled)
-            .set_header(self.header())
-            .add_rows(self.rows());
-        for column in table.column_iter_mut().skip(1) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
+        let table = table(presets::UTF8_BORDERS_ONLY, self.header(), self.rows(), 1);
         let mut text = format!("{}\n{table}\n", self.scenario.title);
         for finding in self.findings() {
             let _ = writeln!(text, "• {finding}");
         }
         text
-    }
-
-    /// What a reader should not miss, each with its number.
-    pub fn findings(&self) -> Vec<String> {
-        let mut findings = Vec::new();
-        for entry in &self.entries {
-            let name = entry.controller;
-            let crashed = entry.flights.iter().filter_map(|flown| flown.crash);
-            if let Some(first) = crashed.min_by(|a, b| a.t_s.total_cmp(&b.t_s)) {
-                let (lost, flights) = (entry.crashed(), entry.flights.len());
-                findings.push(format!(
-                    "{name} crashed in {lost} of {flights} flights: it {}, first at {} s.",
-                    first.cause,
-                    short(first.t_s)
-                ));
-            }
-            let landed = entry.flights.iter().filter_map(|flown| flown.landing);
-            if let Some(worst) = landed.max_by(|a, b| a.touchdown.speed_m_s.total_cmp(&b.touchdown.speed_m_s)) {
-                let (down, flights) = (entry.came_down(), entry.flights.len());
-                findings.push(format!(
-                    "{name} came down in {down} of {flights} flights, at worst {}, {} s into the flight.",
-                    worst.touchdown,
-                    short(worst.t_s)
-                ));
-            }
-            if self.is_calm()
-                && let Some((median, _)) = entry.metric("lateral_limit_cycle_m")
-                && median >= LIMIT_CYCLE_M
-            {
-                findings.push(format!(
-                    "{name} limit-cycles: ±{} m sideways before any fault, commanded thrust varies by {} N/s.",
-                    short(median),
-                    short(entry.metric("motor_total_variation_n_s").map_or(f64::NAN, |m| m.0))
-                ));
-            }
-        }
-        findings.extend(self.against_pid());
-        findings.extend(self.against_physics());
-        if self.scenario.plant == PlantKind::Paper {
-            findings.push(
-                "pid and raw fly the paper's cascade from the same starting gains; lgs flies its own, with the \
-                 weight on the integral and thrust limits it never needs here."
-                    .to_owned(),
-            );
-        }
-        findings
-    }
-
-    /// Whether nothing but the controller itself moves the machine before the fault.
-    fn is_calm(&self) -> bool {
-        let wind = &self.scenario.wind;
-        wind.gust_rms_n == 0.0
-            && wind.torque_rms_nm == 0.0
-            && !matches!(self.scenario.reference, Reference::Helix(_) | Reference::Weave(_))
-    }
-
-    /// Each fault beside the largest that a hover of this machine survives at all.
-    fn against_physics(&self) -> Vec<String> {
-        if self.scenario.plant == PlantKind::Paper {
-            return Vec::new();
-        }
-        let vehicle = self.scenario.vehicle();
-        let percent = |loss: f64| format!("{:.1} %", 100.0 * loss);
-        let limit =
-            |rotors: Rotors, heading| loss_max(&vehicle, rotors, heading).map_or_else(|| "none".to_owned(), percent);
-        let beside = |fault: &Fault| {
-            let rotors: Vec<_> = fault.rotors.numbers().map(|number| number.to_string()).collect();
-            Some(format!(
-                "The fault takes {} of rotor{} {}; a hover survives up to {} with its heading, {} without.",
-                percent(fault.kind.loss()?),
-                if rotors.len() == 1 { "" } else { "s" },
-                rotors.join(", "),
-                limit(fault.rotors, Heading::Held),
-                limit(fault.rotors, Heading::GivenUp)
-            ))
-        };
-        self.scenario.fault.iter().filter_map(beside).collect()
-    }
-
-    /// How much of fixed gains' altitude deviation is left.
-    fn against_pid(&self) -> Vec<String> {
-        let deviation = |entry: &Entry| entry.metric("altitude_deviation_max_m").map(|m| m.0);
-        let pid = self.entries.iter().find(|entry| entry.controller == ControllerName::Pid);
-        let Some(fixed) = pid.and_then(deviation) else { return Vec::new() };
-        self.entries
-            .iter()
-            .filter(|entry| entry.controller != ControllerName::Pid)
-            .filter_map(|entry| {
-                let adaptive = deviation(entry)?;
-                let name = entry.controller;
-                let ratio = if adaptive < fixed {
-                    format!("{} times less", short(fixed / adaptive))
-                } else {
-                    format!("{} times more", short(adaptive / fixed))
-                };
-                let (adaptive, fixed) = (short(adaptive), short(fixed));
-                Some(format!("{name} is off in altitude by {adaptive} m in the fault, pid by {fixed} m: {ratio}."))
-            })
-            .collect()
     }
 }

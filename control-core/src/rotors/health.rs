@@ -248,9 +248,13 @@ impl<S: Scalar> Health<S> {
         let scaled = |(gain, drift): (S, S)| (gain * dt_s, drift * dt_s);
         let (loss, excess) = (scaled(self.loss_per_s), scaled(self.excess_per_s));
         let limit = self.alarm_nats;
+        // Where one is done without, its return looks like a loss of the facing one.
+        let spared = state.spinning.map(|spinning| (spinning.rotor + 2) % 4);
         let mut alarmed = suspects[ALL].judge(&all, loss, limit, dt_s);
         for (j, Evidence { seen, size }) in losses.into_iter().enumerate() {
-            alarmed = alarmed | suspects[j].judge(&Evidence { seen, size }, loss, limit, dt_s);
+            if spared != Some(j) {
+                alarmed = alarmed | suspects[j].judge(&Evidence { seen, size }, loss, limit, dt_s);
+            }
             // What comes back from a loss is no excess.
             if *found == 0 || !(suspects[j].found || suspects[ALL].found) {
                 let limit = limit + S::from_f32(HANDICAP_NATS);

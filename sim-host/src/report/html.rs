@@ -1,6 +1,5 @@
 //! The report as one file that opens offline.
 use super::Comparison;
-use crate::figures::Figure;
 use crate::metrics::METRICS;
 
 pub(crate) const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:1400px;margin:2rem auto;padding:0 1rem;color:#222}\
@@ -17,41 +16,53 @@ pub(crate) fn escaped(text: &str) -> String {
 pub struct Page<'a> {
     /// The command that makes it again.
     pub command: &'a str,
-    /// Each figure and its SVG.
-    pub figures: &'a [(&'static Figure, String)],
+    /// What each figure shows, and its SVG.
+    pub figures: &'a [(&'static str, String)],
+}
+
+/// A table; every cell is text.
+pub(super) fn table(header: &[String], rows: &[Vec<String>]) -> String {
+    let cells = |tag: &str, row: &[String]| -> String {
+        let cells: Vec<_> = row.iter().map(|cell| format!("<{tag}>{}</{tag}>", escaped(cell))).collect();
+        format!("<tr>{}</tr>\n", cells.concat())
+    };
+    let rows: String = rows.iter().map(|row| cells("td", row)).collect();
+    format!("<table>\n{}{rows}</table>\n", cells("th", header))
+}
+
+/// A page that opens offline, around `body`, which is HTML.
+pub(super) fn whole(name: &str, body: &str) -> String {
+    let name = escaped(name);
+    format!(
+        "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n<title>{name}</title>\n<style>{STYLE}</style>\n\
+         <h1>{name}</h1>\n{body}</html>\n"
+    )
 }
 
 impl Comparison<'_> {
     /// The report: table, findings, figures, conditions, and the scenario and command that reproduce it.
     pub fn html(&self, page: &Page) -> String {
-        let cells = |tag: &str, row: &[String]| -> String {
-            let cells: Vec<_> = row.iter().map(|cell| format!("<{tag}>{}</{tag}>", escaped(cell))).collect();
-            format!("<tr>{}</tr>\n", cells.concat())
-        };
-        let rows: String = self.rows().iter().map(|row| cells("td", row)).collect();
         let items = |lines: Vec<String>| -> String {
             lines.iter().map(|line| format!("<li>{}</li>\n", escaped(line))).collect::<Vec<_>>().concat()
         };
-        let section = |(figure, svg): &(&Figure, String)| format!("<h2>{}</h2>\n{svg}\n", escaped(figure.title));
+        let section = |(title, svg): &(&str, String)| format!("<h2>{}</h2>\n{svg}\n", escaped(title));
         let figures = page.figures.iter().map(section).collect::<Vec<_>>().concat();
         let metrics = METRICS.iter().map(|metric| format!("{}: {}", metric.name, metric.title)).collect();
-        format!(
-            "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n<title>{name}</title>\n<style>{STYLE}</style>\n\
-             <h1>{name}</h1>\n<p>{title}</p>\n<pre>{command}</pre>\n\
-             <table>\n{header}{rows}</table>\n<ul>\n{findings}</ul>\n\
+        let body = format!(
+            "<p>{title}</p>\n<pre>{command}</pre>\n{table}<ul>\n{findings}</ul>\n\
              <p>Figures are of seed {seed}; faults are shaded; spikes beyond the inner 99.8 % are cut.</p>\n{figures}\
              <h2>What the metrics say</h2>\n<ul>\n{metrics}</ul>\n\
              <p>Median and worst are over the flights that neither crashed nor came down. The true state is measured, at the control rate; \
              thrusts are the commanded ones. Conditions, gains and every number: results.json.</p>\n\
-             <h2>Scenario</h2>\n<pre>{scenario}</pre>\n</html>\n",
-            name = escaped(&self.name),
+             <h2>Scenario</h2>\n<pre>{scenario}</pre>\n",
             title = escaped(&self.scenario.title),
             command = escaped(page.command),
-            header = cells("th", &self.header()),
+            table = table(&self.header(), &self.rows()),
             findings = items(self.findings()),
             seed = self.seed,
             metrics = items(metrics),
             scenario = escaped(&self.scenario.text),
-        )
+        );
+        whole(&self.name, &body)
     }
 }
