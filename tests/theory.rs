@@ -2,7 +2,7 @@
 use control_core::frames::{Attitude, Vec3};
 use control_core::law::{GAIN_RATIO_MAX, GAIN_RATIO_MIN};
 use control_core::math::tanh;
-use control_core::{Airframe, Axis, Config, Controller, IndiConfig, Input, Law, Q16, Scalar, State};
+use control_core::{Airframe, Axis, Config, Controller, Input, Law, Q16, RotorsConfig, Scalar, State};
 use proptest::prelude::*;
 use system_tests::symbols::{Flown, Symbols, axes, root};
 
@@ -105,10 +105,10 @@ fn allowed() -> impl Strategy<Value = f32> {
 proptest! {
     #[test]
     fn no_sample_moves_a_gain_an_integral_or_a_tilt_out_of_its_bounds(
-        samples in assaults(), thrust_to_weight in between(1.1, 10.0), incremental in any::<bool>(),
+        samples in assaults(), thrust_to_weight in between(1.1, 10.0), watching in any::<bool>(),
     ) {
-        let indi = incremental.then_some(IndiConfig::NOMINAL);
-        let config = Config { indi, ..Config::flight(Law::Lgs, Airframe::paper(thrust_to_weight)) };
+        let rotors = watching.then_some(RotorsConfig::ESTIMATED);
+        let config = Config { rotors, ..Config::flight(Law::Lgs, Airframe::paper(thrust_to_weight)) };
         stays_bounded::<f32>(&config, &samples)?;
         stays_bounded::<f64>(&config, &samples)?;
         stays_bounded::<Q16>(&config, &samples)?;

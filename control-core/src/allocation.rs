@@ -114,14 +114,11 @@ impl<S: Scalar> Allocator<S> {
     /// little, so that it is felt when it works again.
     pub fn allocate_weakened(&self, demand: &Demand<S>, shares: &[S; 4]) -> Allocation<S> {
         let least = S::from_f32(SHARE_MIN);
-        let max_n = core::array::from_fn(|j| {
-            S::select(shares[j].lt(least), S::ZERO, self.max_n[j] * shares[j])
-        });
+        let max_n = core::array::from_fn(|j| S::select(shares[j].lt(least), S::ZERO, self.max_n[j] * shares[j]));
         let mut allocation = self.split(demand, max_n);
-        for j in 0..4 {
-            let command = allocation.thrust_n[j] / shares[j].max(least);
-            let floor = S::select(shares[j].lt(S::from_f32(0.3)), self.max_n[j] * S::from_f32(PROBE), S::ZERO);
-            allocation.thrust_n[j] = command.max(floor);
+        for ((thrust_n, &share), &max_n) in allocation.thrust_n.iter_mut().zip(shares).zip(&self.max_n) {
+            let floor = S::select(share.lt(S::from_f32(WEAK)), max_n * S::from_f32(PROBE), S::ZERO);
+            *thrust_n = (*thrust_n / share.max(least)).max(floor);
         }
         allocation
     }
@@ -163,6 +160,8 @@ impl<S: Scalar> Allocator<S> {
 /// Share of its thrust below which a rotor is not counted on: what little it is believed to make may be noise, and a rotor that is told to
 /// make up for it pulls with all its might when it works again.
 const SHARE_MIN: f32 = 0.15;
+/// Share below which a rotor is always told to pull a little.
+const WEAK: f32 = 0.3;
 /// Command of a rotor that is not counted on, share of its maximum.
 const PROBE: f32 = 0.08;
 

@@ -109,7 +109,7 @@ pub struct RotorsTelemetry<S = f32> {
 
 impl<S: Scalar> RotorsTelemetry<S> {
     /// The same in the format of logs.
-    pub(crate) fn to_f32(&self) -> RotorsTelemetry {
+    pub(crate) fn to_f32(self) -> RotorsTelemetry {
         RotorsTelemetry {
             shares: self.shares.map(S::to_f32),
             alarm: self.alarm.map(Alarm::to_f32),
@@ -277,8 +277,8 @@ impl<S: Scalar> Rotors<S> {
         let filter = LowPass::new(self.filter_rad_s, dt_s);
         let mut made = [-coupling_nm.x * self.inertia_inverse[0], -coupling_nm.y * self.inertia_inverse[1], S::ZERO];
         let mut slope = [S::ZERO; 2];
-        for j in 0..4 {
-            let slope_n = motor.step(&mut state.made_n[j], command_n[j]);
+        for (j, &command_n) in command_n.iter().enumerate() {
+            let slope_n = motor.step(&mut state.made_n[j], command_n);
             filter.step(&mut state.felt_n[j], state.made_n[j]);
             let share = state.shares[j];
             let (thrust_n, slope_n) = (share * state.made_n[j] + state.stuck_n[j], share * slope_n);

@@ -119,7 +119,7 @@ impl<S: Scalar> Telemetry<S> {
             tilt_setpoint_rad: self.tilt_setpoint_rad.map(f),
             refused: self.refused.map(f),
             yaw_guard: self.yaw_guard.all(),
-            rotors: self.rotors.as_ref().map(RotorsTelemetry::to_f32),
+            rotors: self.rotors.map(RotorsTelemetry::to_f32),
         }
     }
 }

@@ -32,26 +32,24 @@ impl<S: Scalar> Controller<S> {
         let coupling = self.coupling.torque_nm(rate) + rotors.gyroscopic_nm(&mut state.rotors, rate);
         let force_m_s2 = input.specific_force_m_s2.z;
         let residual = rotors.observe(&mut state.rotors, &state.output.thrust_n, rate, coupling, force_m_s2, dt_s);
-        let demand = match (&rotors.spin, rotors.next_spinning(&state.rotors, rate.z)) {
-            (Some(spin), Some(mut spinning)) => {
-                let up_n = self.altitude(state, errors, dt_s);
-                spinning.feel_wind(input, &residual, dt_s);
-                state.rotors.spinning = Some(spinning);
-                let wanted = Wanted {
-                    error_m: errors.position_m,
-                    error_m_s: errors.velocity_m_s,
-                    forward_m_s2: input.setpoint.acceleration_m_s2,
-                };
-                let (pointing, thrust_n) = spin.aim(&spinning, &wanted, up_n, rate.z, &input.attitude);
-                let tilting_rad_s2 = rotors.tilting_rad_s2(&state.rotors);
-                let [roll_nm, pitch_nm] = spin.torque_nm(&spinning, &SpinInput { tilting_rad_s2, pointing, rate });
-                Demand { thrust_n, roll_nm, pitch_nm, yaw_nm: self.brake_nm(rate.z) }
-            }
-            _ => {
-                state.rotors.spinning = None;
-                let wanted = self.wanted(state, rate, angles, errors, dt_s);
-                rotors.demand(&wanted.with_torque(coupling), &residual)
-            }
+        let spinning = rotors.next_spinning(&state.rotors, rate.z);
+        state.rotors.spinning = spinning;
+        let demand = if let (Some(spin), Some(mut spinning)) = (&rotors.spin, spinning) {
+            let up_n = self.altitude(state, errors, dt_s);
+            spinning.feel_wind(input, &residual, dt_s);
+            state.rotors.spinning = Some(spinning);
+            let wanted = Wanted {
+                error_m: errors.position_m,
+                error_m_s: errors.velocity_m_s,
+                forward_m_s2: input.setpoint.acceleration_m_s2,
+            };
+            let (pointing, thrust_n) = spin.aim(&spinning, &wanted, up_n, rate.z, &input.attitude);
+            let tilting_rad_s2 = rotors.tilting_rad_s2(&state.rotors);
+            let [roll_nm, pitch_nm] = spin.torque_nm(&spinning, &SpinInput { tilting_rad_s2, pointing, rate });
+            Demand { thrust_n, roll_nm, pitch_nm, yaw_nm: self.brake_nm(rate.z) }
+        } else {
+            let wanted = self.wanted(state, rate, angles, errors, dt_s);
+            rotors.demand(&wanted.with_torque(coupling), &residual)
         };
         let demand = rotors.less_stuck(&state.rotors, &demand);
         let mut allocation = self.allocator.allocate_weakened(&demand, &state.rotors.shares);

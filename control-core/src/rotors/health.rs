@@ -90,8 +90,9 @@ const EXCESS: usize = 5;
 const EXCESS_SOUGHT: f32 = 0.7;
 /// Least thrust that a stuck rotor's command is taken to have asked for, N: it divides.
 const FELT_N_MIN: f32 = 1e-3;
-/// What an excess must have beyond the alarm, nats.
+/// What an excess must have beyond the alarm, nats, and what a loss of all must: gusts along the thrust look like one.
 const HANDICAP_NATS: f32 = 6.0;
+const SHARED_NATS: f32 = 5.0;
 
 /// The detector, configured.
 #[derive(Clone, Debug)]
@@ -250,7 +251,7 @@ impl<S: Scalar> Health<S> {
         let limit = self.alarm_nats;
         // Where one is done without, its return looks like a loss of the facing one.
         let spared = state.spinning.map(|spinning| (spinning.rotor + 2) % 4);
-        let mut alarmed = suspects[ALL].judge(&all, loss, limit, dt_s);
+        let mut alarmed = suspects[ALL].judge(&all, loss, limit + S::from_f32(SHARED_NATS), dt_s);
         for (j, Evidence { seen, size }) in losses.into_iter().enumerate() {
             if spared != Some(j) {
                 alarmed = alarmed | suspects[j].judge(&Evidence { seen, size }, loss, limit, dt_s);
@@ -369,5 +370,10 @@ impl<S: Scalar> Health<S> {
 
 /// S of hypothesis `i` as it is compared.
 fn judged<S: Scalar>(suspect: &Suspect<S>, i: usize) -> S {
-    if i < EXCESS { suspect.nats } else { suspect.nats - S::from_f32(HANDICAP_NATS) }
+    let handicap = match i {
+        ALL => SHARED_NATS,
+        _ if i < ALL => 0.0,
+        _ => HANDICAP_NATS,
+    };
+    suspect.nats - S::from_f32(handicap)
 }

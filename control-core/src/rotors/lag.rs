@@ -23,7 +23,8 @@ const UNIT: f32 = 32.0;
 /// What is known of the lag.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lag<S: Scalar> {
-    lag_s: S::Sum,
+    /// τ̂, s.
+    constant_s: S::Sum,
     information: S::Sum,
     once: [S; 2],
     twice: [S; 2],
@@ -31,11 +32,11 @@ pub(super) struct Lag<S: Scalar> {
 
 impl<S: Scalar> Lag<S> {
     pub(super) fn new(lag_s: S) -> Self {
-        Self { lag_s: lag_s.to_sum(), information: S::ZERO.to_sum(), once: [S::ZERO; 2], twice: [S::ZERO; 2] }
+        Self { constant_s: lag_s.to_sum(), information: S::ZERO.to_sum(), once: [S::ZERO; 2], twice: [S::ZERO; 2] }
     }
 
     pub(super) fn lag_s(&self) -> S {
-        S::from_sum(self.lag_s)
+        S::from_sum(self.constant_s)
     }
 
     /// Takes the slope of the believed acceleration, rad/s³, and the residual, rad/s², about roll and pitch; `calm` says whether
@@ -63,7 +64,7 @@ impl<S: Scalar> Lag<S> {
             let rate = square - known * s(1.0 / MEMORY_S);
             self.information = S::integrate(self.information, rate, dt_s, (S::ZERO, s(1000.0)));
             let change = -product / ((known + s(FIRST_GUESS / (UNIT * UNIT))) * s(UNIT));
-            self.lag_s = S::integrate(self.lag_s, change, dt_s, (s(LAG_S.0), s(LAG_S.1)));
+            self.constant_s = S::integrate(self.constant_s, change, dt_s, (s(LAG_S.0), s(LAG_S.1)));
         }
     }
 }

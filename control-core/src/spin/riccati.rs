@@ -106,7 +106,7 @@ mod tests {
         let [first, second] = problem.gains();
         // p = q + p − p²/(r + p), k = p/(r + p).
         let known = |q: f32, r: f32| {
-            let p = (q + libm::sqrtf(q * q + 4.0 * q * r)) / 2.0;
+            let p = f32::midpoint(q, libm::sqrtf(q * q + 4.0 * q * r));
             p / (r + p)
         };
         assert!((first[0] - known(1.0, 1.0)).abs() < 1e-5, "{first:?}");
