@@ -36,10 +36,10 @@ fn cell(scenario: &str, controller: ControllerName) -> String {
 }
 
 fn table() -> String {
-    let mut table = String::from("| scenario | pid | raw | lgs |\n| --- | --: | --: | --: |\n");
+    let mut table = String::from("| scenario | pid | raw | lgs | default |\n| --- | --: | --: | --: | --: |\n");
     for scenario in SCENARIOS {
-        let [pid, raw, lgs] = ControllerName::MAIN.map(|controller| cell(scenario, controller));
-        writeln!(table, "| `{scenario}` | {pid} | {raw} | {lgs} |").expect("a string grows");
+        let [pid, raw, lgs, default] = ControllerName::MAIN.map(|controller| cell(scenario, controller));
+        writeln!(table, "| `{scenario}` | {pid} | {raw} | {lgs} | {default} |").expect("a string grows");
     }
     table
 }

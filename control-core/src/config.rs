@@ -352,6 +352,12 @@ impl Config {
         }
     }
 
+    /// What flies a machine that may lose a rotor: the robust law on an incremental inner loop, which finds out how much thrust each rotor
+    /// makes, and spins without one that makes too little. The controller `default`.
+    pub fn tolerant(airframe: Airframe) -> Self {
+        Self { rotors: Some(RotorsConfig::ESTIMATED), ..Self::flight(Law::Lgs, airframe) }
+    }
+
     /// The set-up that reproduces the paper's figures, at 1 kHz.
     pub fn paper(law: Law, airframe: Airframe) -> Self {
         Self {

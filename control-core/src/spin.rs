@@ -328,3 +328,103 @@ impl<S: Scalar> Spin<S> {
         [self.inertia_kg_m2 * (right * roll + forward * pitch), self.inertia_kg_m2 * (right * pitch - forward * roll)]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LAG_S: f32 = 0.02;
+
+    fn spin(airframe: &Airframe) -> Spin<f32> {
+        Spin::try_new(&SpinConfig::NOMINAL, airframe, LAG_S, 500.0).expect("the shipped weights")
+    }
+
+    /// How far the linear spin at `r` of `airframe`, disturbed, is off its trim after ten seconds.
+    fn left_after_ten_seconds(airframe: &Airframe, r: f32) -> f32 {
+        let spin = spin(airframe);
+        let trim = spin.trim(r);
+        let [ix, _, iz] = airframe.inertia_kg_m2;
+        let momentum = airframe.rotor_momentum
+            * (2.0 * libm::sqrtf(airframe.weight_n() / 2.0) - libm::sqrtf(airframe.weight_n() / 8.0));
+        let k = (iz - ix) / ix * r - momentum / ix;
+        let upright = libm::sqrtf(1.0 - trim.lean_sine * trim.lean_sine);
+        let dt_s = 0.002;
+        let mut x = [0.05_f32, -0.05, 0.2, 0.2, 0.0, 0.0];
+        for _ in 0..5000 {
+            let fed = trim.gains.map(|row| row.iter().zip(x).map(|(k, x)| k * x).sum::<f32>());
+            let [n1, n2, p, q, b, d] = x;
+            let slope = [
+                r * n2 - upright * q,
+                upright * p - r * n1,
+                b - k * q,
+                d + k * p,
+                (-fed[0] - b) / LAG_S,
+                (-fed[1] - d) / LAG_S,
+            ];
+            x = core::array::from_fn(|i| x[i] + dt_s * slope[i]);
+        }
+        x.iter().map(|x| x.abs()).fold(0.0, f32::max)
+    }
+
+    #[test]
+    fn the_regulator_calms_the_spin_at_every_rate_it_flies() {
+        for airframe in [Airframe::paper(3.0), Airframe::os4(3.0)] {
+            for r in [8.0, 12.0, 20.0, 28.0, 36.0] {
+                let left = left_after_ten_seconds(&airframe, r);
+                assert!(left < 0.05, "{r} rad/s: {left}");
+            }
+        }
+    }
+
+    #[test]
+    fn trim_is_what_the_facing_rotor_can_push_and_stops_the_spin_from_growing() {
+        for airframe in [Airframe::paper(2.2), Airframe::os4(3.0)] {
+            let spin = spin(&airframe);
+            let half = 0.232 * airframe.weight_n() / 2.0 / airframe.inertia_kg_m2[0];
+            for r in 0..40 {
+                let Trim { push, lean, .. } = spin.trim(r as f32);
+                assert!((0.0..=half * 1.001).contains(&push), "{r}: {push}");
+                assert!((0.0..=0.211).contains(&lean), "{r}: {lean}");
+            }
+            assert!((spin.trim(29.0).push / half - 1.0).abs() < 1e-3, "half the weight");
+        }
+    }
+
+    #[test]
+    fn the_other_sense_of_rotation_is_the_mirror_image() {
+        let spin = spin(&Airframe::paper(3.0));
+        let torque = |turn: f32| {
+            let input = SpinInput {
+                tilting_rad_s2: [3.0, turn * 2.0],
+                pointing: Vec3::new(turn * 0.1, 0.2, 0.97),
+                rate: Vec3::new(0.5, turn * 1.5, turn * 20.0),
+            };
+            spin.torque_nm(&Spinning::without(0), &input)
+        };
+        let ([roll, pitch], [mirrored_roll, mirrored_pitch]) = (torque(1.0), torque(-1.0));
+        assert!((roll - mirrored_roll).abs() < 1e-6 && (pitch + mirrored_pitch).abs() < 1e-6);
+    }
+
+    #[test]
+    fn every_rotor_is_flown_without_alike() {
+        let spin = spin(&Airframe::paper(3.0));
+        // The same situation, a quarter of a turn on: rotor 1 on the right, then rotor 4 at the back.
+        let input = |x: f32, y: f32| (x, y);
+        let turn = |(x, y): (f32, f32)| (-y, x);
+        let at = |rotor, n: (f32, f32), w: (f32, f32), t: (f32, f32)| {
+            let [x, y] = spin.torque_nm(
+                &Spinning::without(rotor),
+                &SpinInput {
+                    tilting_rad_s2: [t.0, t.1],
+                    pointing: Vec3::new(n.0, n.1, 0.97),
+                    rate: Vec3::new(w.0, w.1, -20.0),
+                },
+            );
+            (x, y)
+        };
+        let (n, w, t) = (input(0.1, 0.2), input(0.5, -1.5), input(3.0, 2.0));
+        let (x, y) = turn(at(0, n, w, t));
+        let (found_x, found_y) = at(3, turn(n), turn(w), turn(t));
+        assert!((x - found_x).abs() < 1e-6 && (y - found_y).abs() < 1e-6, "{x} {y}, {found_x} {found_y}");
+    }
+}

@@ -58,6 +58,7 @@ struct Flight {
 impl Flight {
     fn new() -> Self {
         let airframe = Airframe::paper(THRUST_TO_WEIGHT);
+        // Not `Config::tolerant`: synthetic sensors do not answer the rotors, and it would find them all at fault.
         let config = Config::flight(Law::Lgs, airframe);
         // Not `expect`: printing a float in text would add 30 KB to the image.
         let controller = Controller::try_new(&config).unwrap_or_else(|e| {

@@ -242,7 +242,7 @@ fn collect_numbers(path: String, value: &Value, values: &mut Vec<(String, f64)>)
 
 impl ControllerName {
     /// What the project is about, in the order of tables: what is compared unless the command line says otherwise.
-    pub const MAIN: [Self; 3] = [Self::Pid, Self::Raw, Self::Lgs];
+    pub const MAIN: [Self; 4] = [Self::Pid, Self::Raw, Self::Lgs, Self::Default];
 
     /// Who flies a suite of faults unless the command line says otherwise: the one that flies, one that knows, one that learns only.
     pub const TOLERANT: [Self; 3] = [Self::Default, Self::Oracle, Self::Lgs];
@@ -261,7 +261,7 @@ impl ControllerName {
             PlantKind::Paper | PlantKind::Rigid => Config::flight(law, airframe),
         };
         match self {
-            Self::Default => config.rotors = Some(RotorsConfig::ESTIMATED),
+            Self::Default => config = Config::tolerant(airframe),
             Self::Oracle => config.rotors = Some(RotorsConfig::TOLD),
             Self::Indi | Self::LgsIndi => config.rotors = Some(RotorsConfig::INCREMENTAL),
             Self::Lqi => config.gains = Gains::lqi(&airframe),

@@ -12,7 +12,7 @@
 //! | 2     | setpoint heading and heading rate, rad and rad/s             |
 //! | 4     | rotor thrusts computed by the host, N                        |
 use control_core::frames::{Attitude, Vec3};
-use control_core::{Airframe, Config, Input, Law, RotorsConfig, Setpoint};
+use control_core::{Airframe, Config, Input, Law, Setpoint};
 
 /// Where QEMU's loader puts the record: the PSRAM of mps2-an386.
 const ADDRESS: usize = 0x2100_0000;
@@ -55,7 +55,7 @@ pub(crate) fn flight() -> Option<Record> {
     let mut config = Config::flight(Law::Lgs, airframe);
     match header.controller {
         0 => {}
-        1 => config.rotors = Some(RotorsConfig::ESTIMATED),
+        1 => config = Config::tolerant(airframe),
         _ => return None,
     }
     let first = (ADDRESS + size_of::<Header>()) as *const Tick;

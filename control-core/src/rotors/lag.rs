@@ -68,3 +68,36 @@ impl<S: Scalar> Lag<S> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is learnt of a rotor of `true_s` in ten seconds of commands that change by `step` every 0.2 s, believed to be of 20 ms.
+    fn learnt(true_s: f32, step: f32, calm: bool) -> f32 {
+        let dt_s = 0.002;
+        let filter = LowPass::new(94.0, dt_s);
+        let mut lag = Lag::new(0.02_f32);
+        let (mut real, mut model, mut real_felt, mut model_felt) = (0.0_f32, 0.0, 0.0, 0.0);
+        for tick in 0..5000 {
+            let command = if tick / 100 % 2 == 0 { step } else { 0.0 };
+            LowPass::new(1.0 / true_s, dt_s).step(&mut real, command);
+            let motor = LowPass::new(1.0 / lag.lag_s(), dt_s);
+            let slope = motor.step(&mut model, command);
+            filter.step(&mut real_felt, real);
+            filter.step(&mut model_felt, model);
+            lag.learn([slope, 0.0], [real_felt - model_felt, 0.0], &motor, &filter, || calm, dt_s);
+        }
+        lag.lag_s()
+    }
+
+    #[test]
+    fn manoeuvres_teach_the_lag_and_noise_does_not() {
+        for true_s in [0.01, 0.02, 0.05, 0.1] {
+            let found = learnt(true_s, 10.0, true);
+            assert!((found - true_s).abs() < 0.2 * true_s, "{true_s}: {found}");
+        }
+        assert_eq!(learnt(0.05, 0.5, true), 0.02, "too little happens");
+        assert_eq!(learnt(0.05, 10.0, false), 0.02, "something else is wrong");
+    }
+}

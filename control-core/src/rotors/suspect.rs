@@ -131,3 +131,75 @@ impl<S: Scalar> Suspect<S> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DT_S: f32 = 0.002;
+
+    /// Follows a rotor that makes `share` for `seconds`, seen without noise.
+    fn follow(suspect: &mut Suspect<f32>, share: f32, seconds: f32) {
+        let filter = LowPass::new(94.0, DT_S);
+        for _ in 0..(seconds / DT_S) as usize {
+            if suspect.found {
+                let seen = 50.0 * (suspect.factor - share);
+                suspect.follow(&Evidence { seen, size: 50.0 }, &filter, DT_S);
+            }
+        }
+    }
+
+    #[test]
+    fn evidence_adds_up_to_an_alarm_and_forgets_what_speaks_against_it() {
+        let mut suspect = Suspect::<f32>::innocent();
+        let judge = |suspect: &mut Suspect<f32>, seen| {
+            suspect.judge(&Evidence { seen, size: 50.0 }, (0.03, 0.0045), 7.0, DT_S)
+        };
+        assert!((0..100).all(|_| !judge(&mut suspect, 5.0)), "half of what is sought pulls S down: {suspect:?}");
+        assert_eq!((suspect.nats, suspect.age_s), (0.0, 0.0));
+        let ticks = (1..100).find(|_| judge(&mut suspect, 50.0));
+        assert_eq!(ticks, Some(6), "1.275 nats a tick");
+        assert!((suspect.age_s - 6.0 * DT_S).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_loss_is_taken_as_it_is_seen_followed_and_dropped_when_it_has_gone() {
+        let mut suspect = Suspect::caught(0.01, 0.6, 5.0);
+        follow(&mut suspect, 0.6, 0.1);
+        assert!(suspect.found && (suspect.factor - 0.6).abs() < 0.02, "{suspect:?}");
+        follow(&mut suspect, 1.0, 0.2);
+        assert!(suspect.factor > 0.85, "far off is followed fast: {suspect:?}");
+        follow(&mut suspect, 1.0, 2.0);
+        assert!(!suspect.found && suspect.factor == 1.0, "{suspect:?}");
+    }
+
+    #[test]
+    fn haste_runs_out_so_that_a_wrong_model_does_not_swing() {
+        let mut suspect = Suspect::caught(0.1, 1.0, 5.0);
+        for _ in 0..20 {
+            follow(&mut suspect, 0.2, 0.05);
+            follow(&mut suspect, 0.8, 0.05);
+        }
+        let before = suspect.factor;
+        follow(&mut suspect, 0.2, 0.05);
+        assert!((before - suspect.factor).abs() < 0.25, "{before} {suspect:?}");
+    }
+
+    #[test]
+    fn a_stuck_rotor_is_believed_again_when_it_does_what_it_is_told() {
+        let filter = LowPass::new(94.0, DT_S);
+        let mut suspect = Suspect::caught(0.02, 0.8, 5.0);
+        let mut run = |thrust: f32| {
+            for _ in 0..1000 {
+                if suspect.found {
+                    let seen = 50.0 * (thrust - suspect.factor);
+                    suspect.follow_stuck(&Evidence { seen, size: 50.0 }, 1.0, &filter, DT_S);
+                }
+            }
+            suspect
+        };
+        let stuck = run(1.8);
+        assert!(stuck.found && (stuck.factor - 1.8).abs() < 0.01, "{stuck:?}");
+        assert!(!run(1.0).found);
+    }
+}

@@ -78,3 +78,34 @@ impl<S: Scalar> Weather<S> {
 fn weight<S: Scalar>(noise: S, weather: S) -> S {
     S::ONE / (noise + weather * S::from_f32(WEATHER))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Weights after 60 s of a residual that swings by `swing` about `mean`.
+    fn after(mean: f32, swing: f32) -> (Weather<f32>, f32) {
+        let climate = Climate::new([1.0; AXES], [0.01; AXES]);
+        let mut weather = Weather::unknown(Some(&climate));
+        for tick in 0..30_000 {
+            let x = mean + if tick / 3 % 2 == 0 { swing } else { -swing };
+            weather.learn(&climate, &[x; AXES], 0.002);
+        }
+        let [beside, ..] = weather.beside(&[mean; AXES]);
+        (weather, beside)
+    }
+
+    #[test]
+    fn weather_is_learnt_about_its_mean_and_never_calmer_than_it_can_be() {
+        let (calm, beside) = after(5.0, 0.1);
+        assert!((calm.weights[0] - 1.0 / 1.1).abs() < 1e-3 && beside.abs() < 0.1, "{:?} {beside}", calm.weights);
+        let (bad, _) = after(0.0, 3.0);
+        assert!((bad.weights[0] - 1.0 / 81.0).abs() < 0.05 / 81.0, "9 less the noise, tenfold: {:?}", bad.weights);
+    }
+
+    #[test]
+    fn at_first_the_weather_is_taken_for_bad() {
+        let climate = Climate::new([1.0_f32; AXES], [0.5; AXES]);
+        assert!((Weather::<f32>::unknown(Some(&climate)).weights[0] - 1.0 / 46.0).abs() < 1e-6);
+    }
+}
