@@ -235,15 +235,32 @@ fn compare_writes_its_results_and_prints_only_json_when_asked() {
     for name in figures.map(|name| format!("{name}.png")) {
         assert!(names.contains(&name), "{name} is not in {names:?}");
     }
-    for name in ["log_lgs.csv", "log_pid.csv", "log_raw.csv", "report.html", "results.json"] {
+    for name in ["log_default.csv", "log_lgs.csv", "log_pid.csv", "log_raw.csv", "report.html", "results.json"] {
         assert!(names.iter().any(|found| found == name), "{name} is not in {names:?}");
     }
-    assert_eq!(names.len(), figures.len() + 5, "{names:?}");
+    assert_eq!(names.len(), figures.len() + 6, "{names:?}");
     let report = std::fs::read_to_string(out.join("report.html")).expect("a report");
     assert!(report.contains("raw limit-cycles"), "the report says what the table hides");
     assert_eq!(report.matches("<svg").count(), figures.len());
     assert!(report.contains("[[fault]]"), "the scenario that reproduces it");
     assert!(!report.contains("src=") && !report.contains("href="), "it opens offline");
+}
+
+#[test]
+fn refused_flights_are_counted_apart_from_crashes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().to_str().expect("a plain path");
+    let compare = ["compare", "scenarios/faults/swapped.toml", "--controllers", "lgs", "--seeds", "2", "--out", out];
+    let table = String::from_utf8(sim_host(&compare).stdout).expect("text");
+    assert!(table.contains("lgs never took off in 2 of 2 flights: rotor 1 answers as rotor 2."), "{table}");
+    let json = sim_host(&[&compare[..], &["--json"]].concat()).stdout;
+    let json: serde_json::Value = serde_json::from_slice(&json).expect("JSON");
+    let lgs = &json["controllers"]["lgs"];
+    assert_eq!((&lgs["refused"], &lgs["survived"], &lgs["came_down"]), (&2.into(), &0.into(), &0.into()));
+    assert_eq!(lgs["crashes"].as_array().map(Vec::len), Some(0));
+    assert_eq!(lgs["refusals"][1]["fault"], "rotor 1 answers as rotor 2");
+    let flown = sim_host(&["fly", "scenarios/faults/reversed.toml", "--out", out]).stdout;
+    assert!(String::from_utf8(flown).expect("text").starts_with("refused to take off: rotor 1 is reversed\n"));
 }
 
 #[test]

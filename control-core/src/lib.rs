@@ -40,6 +40,7 @@ mod rotors;
 mod scalar;
 mod signals;
 mod spin;
+pub mod wiring;
 mod yaw_guard;
 
 pub use airframe::{Airframe, Rotor};
@@ -54,6 +55,7 @@ pub use scalar::fixed::Q16;
 pub use scalar::{Mask, Scalar};
 pub use signals::{Axis, Input, Output, Setpoint, Telemetry};
 pub use spin::SpinConfig;
+pub use wiring::{WiringCheck, WiringFault};
 
 /// Gravitational acceleration, m/s² (the paper's Table 1).
 pub const GRAVITY_M_S2: f32 = 9.81;

@@ -128,6 +128,15 @@ impl Actuators {
         }
     }
 
+    /// The same before take-off: no command is under way.
+    #[must_use]
+    pub fn at_rest(mut self) -> Self {
+        for rotor in &mut self.rotors {
+            rotor.line.sent_n.iter_mut().for_each(|sent_n| *sent_n = 0.0);
+        }
+        self
+    }
+
     /// What the rotors are driven with before the first tick.
     pub fn hovering(&self) -> [Drive; 4] {
         let hover_n = f64::from(self.vehicle.airframe().weight_n()) / 4.0;

@@ -250,10 +250,11 @@ fn fly(args: &FlyArgs) -> Result<(), Failure> {
 
 /// The metrics of one flight, a line each.
 fn summary(flown: &Flown) -> String {
-    let end = match (flown.crash, flown.landing) {
-        (Some(crash), _) => crash.to_string(),
-        (None, Some(landing)) => landing.to_string(),
-        (None, None) => "flew to the end".to_owned(),
+    let end = match flown {
+        Flown { crash: Some(crash), .. } => crash.to_string(),
+        Flown { landing: Some(landing), .. } => landing.to_string(),
+        Flown { refusal: Some(refusal), .. } => refusal.to_string(),
+        _ => "flew to the end".to_owned(),
     };
     METRICS
         .iter()

@@ -3,11 +3,12 @@ use crate::actuators::{Actuators, Told};
 use crate::controllers::ControllerName;
 use crate::ground::Ground;
 use crate::plant::{Actuation, Truth};
+use crate::preflight;
 use crate::reference::Target;
 use crate::scenario::Scenario;
 use crate::sensors::Sensors;
 use crate::wind::Gusts;
-use control_core::{Config, ConfigError, Controller, Input, Output, Q16, Scalar, Telemetry};
+use control_core::{Config, ConfigError, Controller, Input, Output, Q16, Scalar, Telemetry, WiringFault};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::fmt;
@@ -157,6 +158,19 @@ impl fmt::Display for Landing {
     }
 }
 
+/// A flight that the check before take-off forbade.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Refusal {
+    /// Why.
+    pub fault: WiringFault,
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "refused to take off: {}", self.fault)
+    }
+}
+
 /// How a flight ended before its time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Ending {
@@ -164,6 +178,8 @@ pub enum Ending {
     Crashed(Crash),
     /// It is on the ground, upright and whole: once a fault has begun, meeting the ground ends a flight.
     CameDown(Landing),
+    /// It never took off.
+    Refused(Refusal),
 }
 
 /// Streams of random numbers that never mix: more draws of one leave the others as they were.
@@ -174,6 +190,7 @@ pub(crate) enum Stream {
     Fault = 3,
     Torque = 4,
     Campaign = 5,
+    Preflight = 6,
 }
 
 pub(crate) fn random(seed: u64, stream: Stream) -> Pcg64 {
@@ -195,6 +212,11 @@ impl Flight<'_> {
 
     /// The same with a configuration that is not quite the controller's own.
     pub fn fly_as(&self, config: &Config, observe: &mut dyn FnMut(&Sample)) -> Result<Option<Ending>, ConfigError> {
+        if self.scenario.preflight
+            && let Err(fault) = preflight::check(self.scenario, self.seed, &mut |_| {})
+        {
+            return Ok(Some(Ending::Refused(Refusal { fault })));
+        }
         match self.format {
             NumberFormat::F32 => self.fly_in::<f32>(config, observe),
             NumberFormat::F64 => self.fly_in::<f64>(config, observe),

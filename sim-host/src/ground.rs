@@ -30,6 +30,11 @@ pub struct Contact {
 }
 
 impl Ground {
+    /// Altitude of the centre of mass of a machine that stands still, m; none without ground.
+    pub fn standing_m(&self) -> Option<f64> {
+        self.altitude_m.map(|altitude_m| altitude_m + FOOT_M - SAG_M)
+    }
+
     /// Where each foot is, from the centre of mass, body axes, m.
     fn feet(vehicle: &Vehicle) -> [Vector3<f64>; 4] {
         vehicle.arms_m.map(|[forward, right]| Vector3::new(forward, right, FOOT_M))

@@ -15,6 +15,7 @@ pub mod log;
 pub mod metrics;
 pub mod output;
 pub mod plant;
+pub mod preflight;
 pub mod reference;
 pub mod report;
 pub mod scenario;

@@ -1,5 +1,5 @@
 //! What is measured of a flight, from the true state at the control rate and the commanded thrusts.
-use crate::flight::{Crash, Ending, Flight, Landing, Sample};
+use crate::flight::{Crash, Ending, Flight, Landing, Refusal, Sample};
 use crate::scenario::Scenario;
 use control_core::{Axis, ConfigError};
 
@@ -56,6 +56,8 @@ pub struct Flown {
     pub crash: Option<Crash>,
     /// How a fault brought it down in one piece, if it did.
     pub landing: Option<Landing>,
+    /// Why it never took off, if so.
+    pub refusal: Option<Refusal>,
     /// What was measured until then.
     pub metrics: Metrics,
     /// What the controller said and could not do, until then.
@@ -65,7 +67,7 @@ pub struct Flown {
 impl Flown {
     /// Whether it flew to the end.
     pub fn survived(&self) -> bool {
-        self.crash.is_none() && self.landing.is_none()
+        self.crash.is_none() && self.landing.is_none() && self.refusal.is_none()
     }
 }
 
@@ -78,12 +80,21 @@ pub fn fly_measured(flight: &Flight, observe: &mut dyn FnMut(&Sample)) -> Result
         accountant.note(sample);
         observe(sample);
     })?;
-    let (crash, landing) = match ending {
-        None => (None, None),
-        Some(Ending::Crashed(crash)) => (Some(crash), None),
-        Some(Ending::CameDown(landing)) => (None, Some(landing)),
+    let mut flown = Flown {
+        seed: flight.seed,
+        crash: None,
+        landing: None,
+        refusal: None,
+        metrics: meter.finish(),
+        account: accountant.finish(),
     };
-    Ok(Flown { seed: flight.seed, crash, landing, metrics: meter.finish(), account: accountant.finish() })
+    match ending {
+        None => {}
+        Some(Ending::Crashed(crash)) => flown.crash = Some(crash),
+        Some(Ending::CameDown(landing)) => flown.landing = Some(landing),
+        Some(Ending::Refused(refusal)) => flown.refusal = Some(refusal),
+    }
+    Ok(flown)
 }
 
 /// Running mean.

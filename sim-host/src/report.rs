@@ -55,8 +55,13 @@ impl Entry {
         self.flights.iter().filter(|flown| flown.landing.is_some()).count()
     }
 
+    /// Number of flights that never took off.
+    pub fn refused(&self) -> usize {
+        self.flights.iter().filter(|flown| flown.refusal.is_some()).count()
+    }
+
     fn crashed(&self) -> usize {
-        self.flights.len() - self.survived() - self.came_down()
+        self.flights.iter().filter(|flown| flown.crash.is_some()).count()
     }
 
     fn metric(&self, name: &str) -> Option<(f64, f64)> {
@@ -78,6 +83,7 @@ impl Entry {
         entry.insert("flights".to_owned(), json!(self.flights.len()));
         entry.insert("survived".to_owned(), json!(self.survived()));
         entry.insert("came_down".to_owned(), json!(self.came_down()));
+        entry.insert("refused".to_owned(), json!(self.refused()));
         for metric in &METRICS {
             let (median, worst) = median_and_worst(&self.flights, metric).unzip();
             entry.insert(metric.name.to_owned(), json!({"median": median, "worst": worst}));
@@ -111,6 +117,8 @@ impl Entry {
             })
             .collect();
         entry.insert("landings".to_owned(), Value::Array(landings));
+        let refusal = |flown: &Flown| Some(json!({"seed": flown.seed, "fault": flown.refusal?.fault.to_string()}));
+        entry.insert("refusals".to_owned(), self.flights.iter().filter_map(refusal).collect());
         Value::Object(entry)
     }
 }
@@ -131,6 +139,7 @@ fn conditions(scenario: &Scenario) -> Value {
         "control_hz": scenario.control_hz(),
         "duration_s": scenario.duration_s,
         "reference": scenario.reference,
+        "preflight": scenario.preflight,
         "noise": scenario.noise,
         "wind": scenario.wind,
         "faults": scenario.fault,
@@ -177,6 +186,9 @@ impl Comparison<'_> {
             std::iter::once(name.to_owned()).chain(cells).collect()
         };
         let mut rows = vec![counts("survived", Entry::survived), counts("came down", Entry::came_down)];
+        if self.scenario.preflight {
+            rows.push(counts("refused", Entry::refused));
+        }
         for metric in &METRICS {
             let cells = self.entries.iter().map(|entry| entry.cell(metric));
             rows.push(std::iter::once(metric.name.to_owned()).chain(cells).collect());

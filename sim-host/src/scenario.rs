@@ -45,6 +45,9 @@ pub struct Scenario {
     /// Altitude of the ground, m; flights start hovering above it. Left out, there is none.
     #[serde(default)]
     pub ground_altitude_m: Option<f64>,
+    /// Whether the wiring is checked on the ground before the flight, which is refused if it is wrong.
+    #[serde(default)]
+    pub preflight: bool,
     /// What differs from the named airframe, and the motors.
     #[serde(default)]
     pub vehicle: VehicleKeys,

@@ -51,10 +51,10 @@ pub fn trace<T>(
 /// Median and worst of a metric over flights that all must have survived.
 ///
 /// # Panics
-/// If a flight crashed or came down, naming its seed, or if there is no such metric to measure.
+/// If a flight did not fly to its end, naming its seed, or if there is no such metric to measure.
 pub fn metric(flights: &[Flown], name: &str) -> (f64, f64) {
     for flown in flights {
-        assert_eq!((flown.crash, flown.landing), (None, None), "seed {}", flown.seed);
+        assert_eq!((flown.crash, flown.landing, flown.refusal), (None, None, None), "seed {}", flown.seed);
     }
     let metric = Metric::named(name).expect("a metric of this name");
     median_and_worst(flights, metric).expect("something to measure")

@@ -152,9 +152,8 @@ mod tests {
     #[test]
     fn evidence_adds_up_to_an_alarm_and_forgets_what_speaks_against_it() {
         let mut suspect = Suspect::<f32>::innocent();
-        let judge = |suspect: &mut Suspect<f32>, seen| {
-            suspect.judge(&Evidence { seen, size: 50.0 }, (0.03, 0.0045), 7.0, DT_S)
-        };
+        let judge =
+            |suspect: &mut Suspect<f32>, seen| suspect.judge(&Evidence { seen, size: 50.0 }, (0.03, 0.0045), 7.0, DT_S);
         assert!((0..100).all(|_| !judge(&mut suspect, 5.0)), "half of what is sought pulls S down: {suspect:?}");
         assert_eq!((suspect.nats, suspect.age_s), (0.0, 0.0));
         let ticks = (1..100).find(|_| judge(&mut suspect, 50.0));

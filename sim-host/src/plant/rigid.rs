@@ -43,6 +43,14 @@ impl RigidPlant {
         Self { vehicle: vehicle.clone(), ground, state, impact_m_s: 0.0, touching: false }
     }
 
+    /// Standing on the ground, level, every rotor stopped.
+    pub fn standing(vehicle: &Vehicle, ground: Ground, altitude_m: f64) -> Self {
+        let mut plant = Self::hovering(vehicle, ground, altitude_m);
+        plant.state.fixed_rows_mut::<4>(13).fill(0.0);
+        plant.note_contact();
+        plant
+    }
+
     fn attitude(state: &State) -> Matrix3<f64> {
         let q = Quaternion::new(state[6], state[7], state[8], state[9]);
         UnitQuaternion::from_quaternion(q).to_rotation_matrix().into_inner()

@@ -77,6 +77,12 @@ impl Entry {
         ))
     }
 
+    fn refusal(&self) -> Option<String> {
+        let first = self.flights.iter().find_map(|flown| flown.refusal)?;
+        let (refused, flights) = (self.refused(), self.flights.len());
+        Some(format!("{} never took off in {refused} of {flights} flights: {}.", self.controller, first.fault))
+    }
+
     /// Those that stayed up by spinning.
     fn spin(&self) -> Option<String> {
         let given_up = self.mean(Flown::survived, |account| account.heading_given_up_share);
@@ -109,6 +115,7 @@ impl Comparison<'_> {
         for entry in &self.entries {
             findings.extend(entry.crash());
             findings.extend(entry.landing());
+            findings.extend(entry.refusal());
             findings.extend(entry.spin());
             if self.is_calm() {
                 findings.extend(entry.limit_cycle());

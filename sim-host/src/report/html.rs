@@ -52,7 +52,7 @@ impl Comparison<'_> {
             "<p>{title}</p>\n<pre>{command}</pre>\n{table}<ul>\n{findings}</ul>\n\
              <p>Figures are of seed {seed}; faults are shaded; spikes beyond the inner 99.8 % are cut.</p>\n{figures}\
              <h2>What the metrics say</h2>\n<ul>\n{metrics}</ul>\n\
-             <p>Median and worst are over the flights that neither crashed nor came down. The true state is measured, at the control rate; \
+             <p>Median and worst are over the flights that flew to their end. The true state is measured, at the control rate; \
              thrusts are the commanded ones. Conditions, gains and every number: results.json.</p>\n\
              <h2>Scenario</h2>\n<pre>{scenario}</pre>\n",
             title = escaped(&self.scenario.title),

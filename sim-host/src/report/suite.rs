@@ -61,6 +61,9 @@ impl Entry {
     /// How many survived, and what became of the others.
     fn outcome(&self) -> String {
         let mut text = format!("{} of {}", self.survived(), self.flights.len());
+        if self.refused() > 0 {
+            let _ = write!(text, ", {} refused to take off", self.refused());
+        }
         if self.crashed() > 0 {
             let _ = write!(text, ", {} crashed", self.crashed());
         }

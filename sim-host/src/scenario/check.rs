@@ -48,6 +48,7 @@ impl Scenario {
             let highest = self.reference.start_altitude_m() - 0.1;
             range("ground_altitude_m", altitude_m, -POSITION_M_MAX, highest)?;
         }
+        self.check_preflight()?;
         self.check_vehicle()?;
         self.check_reference()?;
         self.check_noise_and_wind()?;
@@ -56,6 +57,17 @@ impl Scenario {
             check_gains(&format!("controllers.{name}.gains"), keys)?;
         }
         self.check_paper()
+    }
+
+    /// The wiring is checked on feet that stand on something.
+    fn check_preflight(&self) -> Check {
+        if self.preflight && self.plant == PlantKind::Paper {
+            return refuse("preflight", true, "false with the plant `paper`, which has no ground to stand on");
+        }
+        if self.preflight && self.ground_altitude_m.is_none() {
+            return refuse("preflight", true, "false without ground_altitude_m: there is nothing to stand on");
+        }
+        Ok(())
     }
 
     fn check_vehicle(&self) -> Check {
