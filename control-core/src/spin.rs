@@ -41,7 +41,7 @@ const LIMITER_RAD_S: (f32, f32) = (19.0, 29.0);
 /// Tangent of the largest tilt asked for, 0.9 rad.
 const TAN_TILT_MAX: f32 = 1.260_158_2;
 /// Spin from which on the thrust may be pointed that far, rad/s, and the share of it that is asked for without any: until the body
-/// spins, roll goes one way only.
+/// spins, roll goes one way only. A healed machine asks for no more until it has stopped turning, which yields to roll and pitch.
 const ABLE_RAD_S: f32 = 12.0;
 const LEAST_ABLE: f32 = 0.3;
 /// Smallest share of the thrust taken to point up.
@@ -65,7 +65,7 @@ pub struct SpinConfig {
 impl SpinConfig {
     /// Tuned for the paper's airframe.
     pub const NOMINAL: Self =
-        Self { weights: [128.0, 2.9], one_sided: 0.005, lean_max: 0.21, trim_max: 0.22, outer: [1.5, 2.1] };
+        Self { weights: [128.0, 2.9], one_sided: 0.005, lean_max: 0.21, trim_max: 0.22, outer: [1.0, 1.6] };
 }
 
 /// Where the spin settles at one yaw rate, and how it is held there.
@@ -100,21 +100,27 @@ pub(crate) struct Spinning<S> {
     pub(crate) rotor: usize,
     /// Whether it works again: the lean is given up, and the body only has to stop turning.
     pub(crate) healed: bool,
+    /// Share of the lean that is held: all, and when healed less and less.
+    pub(crate) leaning: S,
     /// Push of the wind, north and east, m/s².
     pub(crate) wind_m_s2: [S; 2],
 }
 
+/// How fast the lean is given up, rad/s: at once, it would be a jolt.
+const STRAIGHTEN_RAD_S: f32 = 2.0;
 /// Corner of the wind's estimate, rad/s: above the gusts, below the spin.
-const WIND_RAD_S: f32 = 4.0;
+const WIND_RAD_S: f32 = 8.0;
 
 impl<S: Scalar> Spinning<S> {
     /// Begins to spin without `rotor`.
     pub(crate) fn without(rotor: usize) -> Self {
-        Self { rotor, healed: false, wind_m_s2: [S::ZERO; 2] }
+        Self { rotor, healed: false, leaning: S::ONE, wind_m_s2: [S::ZERO; 2] }
     }
 
-    /// Takes the force that the rotors do not make for wind.
-    pub(crate) fn feel_wind(&mut self, input: &Input<S>, residual: &Residual<S>, dt_s: S) {
+    /// Straightens up when healed, and takes the force that the rotors do not make for wind.
+    pub(crate) fn advance(&mut self, input: &Input<S>, residual: &Residual<S>, dt_s: S) {
+        let target = if self.healed { S::ZERO } else { S::ONE };
+        LowPass::new(S::from_f32(STRAIGHTEN_RAD_S), dt_s).step(&mut self.leaning, target);
         let Residual([_, _, down]) = *residual;
         let felt = input.specific_force_m_s2;
         let push = input.attitude.to_ned(Vec3::new(felt.x, felt.y, down));
@@ -295,6 +301,7 @@ impl<S: Scalar> Spin<S> {
         let mut east = kp * error_m.y + kd * error_m_s.y + forward_m_s2.y - spinning.wind_m_s2[1];
         let wide = (north * north + east * east).sqrt();
         let able = (spin_rad_s.abs() * s(1.0 / ABLE_RAD_S)).clamp(s(LEAST_ABLE), S::ONE);
+        let able = if spinning.healed { s(LEAST_ABLE) } else { able };
         let most = s(TAN_TILT_MAX) * up * able;
         let share = most / wide.max(most);
         (north, east) = (north * share, east * share);
@@ -321,7 +328,7 @@ impl<S: Scalar> Spin<S> {
         let (roll, pitch) = turned(input.tilting_rad_s2[0], input.tilting_rad_s2[1]);
         let r = input.rate.z.abs();
         let Trim { gains, push, lean, lean_sine } = self.trim(r);
-        let [push, lean, lean_sine] = [push, lean, lean_sine].map(|x| if spinning.healed { S::ZERO } else { x });
+        let [push, lean, lean_sine] = [push, lean, lean_sine].map(|x| x * spinning.leaning);
         let state = [flip(n1), n2 - lean_sine, p, flip(q) - r * lean, roll - push, flip(pitch)];
         let fed = |row: &[S; N]| row.iter().zip(state).fold(S::ZERO, |sum, (&k, x)| sum + k * x);
         let (roll, pitch) = (push - fed(&gains[0]), flip(-fed(&gains[1])));

@@ -36,7 +36,7 @@ impl<S: Scalar> Controller<S> {
         state.rotors.spinning = spinning;
         let demand = if let (Some(spin), Some(mut spinning)) = (&rotors.spin, spinning) {
             let up_n = self.altitude(state, errors, dt_s);
-            spinning.feel_wind(input, &residual, dt_s);
+            spinning.advance(input, &residual, dt_s);
             state.rotors.spinning = Some(spinning);
             let wanted = Wanted {
                 error_m: errors.position_m,

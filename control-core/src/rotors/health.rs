@@ -166,7 +166,7 @@ impl<S: Scalar> HealthState<S> {
 
     /// Standard error of the share of rotor `j`: large just after the onset.
     pub(crate) fn uncertainty(&self, j: usize) -> S {
-        S::from_f32(0.08) / self.suspects[j].risen.max(S::from_f32(0.1))
+        self.suspects[j].uncertainty()
     }
 
     /// Whether rotor `j` is stuck.
@@ -245,16 +245,23 @@ impl<S: Scalar> Health<S> {
             state.health.weather.learn(&self.climate, &residual.0, dt_s);
         }
         let (losses, all) = self.evidence(state, residual);
-        let HealthState { suspects, found, .. } = &mut state.health;
+        let HealthState { suspects, found, weather } = &mut state.health;
         let scaled = |(gain, drift): (S, S)| (gain * dt_s, drift * dt_s);
         let (loss, excess) = (scaled(self.loss_per_s), scaled(self.excess_per_s));
         let limit = self.alarm_nats;
-        // Where one is done without, its return looks like a loss of the facing one.
-        let spared = state.spinning.map(|spinning| (spinning.rotor + 2) % 4);
+        let [_, _, sunk] = weather.beside(&residual.0);
+        let lifted = sunk.lt(S::ZERO).all();
+        let without = state.spinning.map(|spinning| spinning.rotor);
         let mut alarmed = suspects[ALL].judge(&all, loss, limit + S::from_f32(SHARED_NATS), dt_s);
         for (j, Evidence { seen, size }) in losses.into_iter().enumerate() {
-            if spared != Some(j) {
+            // Where one has lost much, what comes and goes of it looks like a fault of the facing one, but for the lift.
+            let facing = (j + 2) % 4;
+            let spared = *found > 0 && (suspects[facing].is_far_gone() || suspects[EXCESS + facing].found)
+                || without == Some(facing);
+            if !spared {
                 alarmed = alarmed | suspects[j].judge(&Evidence { seen, size }, loss, limit, dt_s);
+            } else if !lifted {
+                continue;
             }
             // What comes back from a loss is no excess.
             if *found == 0 || !(suspects[j].found || suspects[ALL].found) {

@@ -11,6 +11,9 @@ const FOLLOWS: f32 = 0.12;
 const FOLLOW_S: (f32, f32) = (0.02, 0.25);
 /// Error of a factor that is far off.
 const FAR: f32 = 0.25;
+/// Standard error of a factor as it is seen in one sample, and as it is followed.
+const SEEN_ERROR: f32 = 0.08;
+const FOLLOWED_ERROR: f32 = 0.03;
 /// How long after the alarm the factor is taken as it is seen, s.
 const FRESH_S: f32 = 0.02;
 /// How long a factor may be followed fast, s, and what of it comes back in a second: a model that is wrong for another reason, such as a
@@ -102,6 +105,18 @@ impl<S: Scalar> Suspect<S> {
         self.haste_s = (self.haste_s - spent).min(s(HASTE.0));
         let time_s = S::select(hurry, s(FOLLOW_S.0), s(FOLLOW_S.1));
         S::select(fresh, error, error * (dt_s / time_s).min(S::ONE))
+    }
+
+    /// Standard error of the factor: of one sample just after the onset, of many later.
+    pub(super) fn uncertainty(&self) -> S {
+        let s = S::from_f32;
+        let fresh = S::ZERO.lt(self.fresh_s);
+        S::select(fresh, s(SEEN_ERROR) / self.risen.max(s(0.1)), s(FOLLOWED_ERROR))
+    }
+
+    /// Whether it is found to have lost more than half.
+    pub(super) fn is_far_gone(&self) -> bool {
+        self.found && self.factor.lt(S::from_f32(0.5)).all()
     }
 
     /// Drops the suspicion when it has been whole for long enough.
