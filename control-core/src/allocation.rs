@@ -110,7 +110,7 @@ impl<S: Scalar> Allocator<S> {
     }
 
     /// The same for rotors that make only `shares` of what they are commanded: the demand is split within what they can still
-    /// make, and each is commanded so much more. A share below [`SHARE_MIN`] is not commanded for; it is kept turning a
+    /// make, and each is commanded so much more. A share below 0.15 is not commanded for; it is kept turning a
     /// little, so that it is felt when it works again.
     pub fn allocate_weakened(&self, demand: &Demand<S>, shares: &[S; 4]) -> Allocation<S> {
         let least = S::from_f32(SHARE_MIN);

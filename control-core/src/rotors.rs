@@ -12,7 +12,7 @@
 //! | ( )_f  | `filter`     |                 | one low-pass for all, so that all are of one age  |
 //! | x      | `Residual`   | rad/s², m/s²    | acceleration that nothing known explains          |
 //!
-//! The residual serves three: the incremental loop takes it away by the next command ([`Residual::demand`]), the detector in
+//! The residual serves three: the incremental loop takes it away by the next command (`Rotors::demand`), the detector in
 //! `health.rs` looks for a rotor in it, and what of it follows the slope of the thrusts is a wrong lag (`lag.rs`).
 //!
 //! Roll, pitch and thrust only. Heading has κ for an arm, a tenth of the others': the noise of its ṙ would work the motors
@@ -391,10 +391,8 @@ impl<S: Scalar> Rotors<S> {
             let rotor = if self.quarter_n.lt(stuck_n).all() { facing } else { weakest };
             ((s(OVERBEARING) * self.thrust_n_max).lt(stuck_n), rotor)
         } else {
-            let told = state.told[weakest].is_some();
-            let doubt = if told { S::ZERO } else { s(SURE) * state.health.uncertainty(weakest) };
-            let surely = share + doubt;
-            (surely.lt(s(LOST) * self.hover_share), weakest)
+            let doubt = if state.told[weakest].is_some() { S::ZERO } else { state.health.uncertainty(weakest) };
+            ((share + s(SURE) * doubt).lt(s(LOST) * self.hover_share), weakest)
         };
         (lost | turning).all().then(|| Spinning::without(rotor))
     }
