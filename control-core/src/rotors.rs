@@ -165,6 +165,8 @@ pub(crate) struct RotorsState<S: Scalar> {
     rate_rad_s: [S; 2],
     /// Slope of the filtered rates, rad/s².
     slope_rad_s2: [S; 2],
+    /// Roll and pitch acceleration that the rotors are believed to make, rad/s².
+    pub(crate) tilting_rad_s2: [S; 2],
     /// Predicted acceleration through the filter.
     predicted: [S; 2],
     force: S,
@@ -191,6 +193,7 @@ impl<S: Scalar> RotorsState<S> {
             felt_n: [thrust_n; 4],
             rate_rad_s: [S::ZERO; 2],
             slope_rad_s2: [S::ZERO; 2],
+            tilting_rad_s2: [S::ZERO; 2],
             predicted: [S::ZERO; 2],
             force: S::ZERO,
             lag: Lag::new(rotors.map_or(S::ONE, |rotors| rotors.lag_s)),
@@ -275,7 +278,7 @@ impl<S: Scalar> Rotors<S> {
     ) -> Residual<S> {
         let motor = LowPass::new(S::ONE / state.lag.lag_s(), dt_s);
         let filter = LowPass::new(self.filter_rad_s, dt_s);
-        let mut made = [-coupling_nm.x * self.inertia_inverse[0], -coupling_nm.y * self.inertia_inverse[1], S::ZERO];
+        let mut made = [S::ZERO; 3];
         let mut slope = [S::ZERO; 2];
         for (j, &command_n) in command_n.iter().enumerate() {
             let slope_n = motor.step(&mut state.made_n[j], command_n);
@@ -286,8 +289,9 @@ impl<S: Scalar> Rotors<S> {
             made = [made[0] + roll * thrust_n, made[1] + pitch * thrust_n, made[2] + z * thrust_n];
             slope = [slope[0] + roll * slope_n, slope[1] + pitch * slope_n];
         }
-        filter.step(&mut state.predicted[0], made[0]);
-        filter.step(&mut state.predicted[1], made[1]);
+        state.tilting_rad_s2 = [made[0], made[1]];
+        filter.step(&mut state.predicted[0], made[0] - coupling_nm.x * self.inertia_inverse[0]);
+        filter.step(&mut state.predicted[1], made[1] - coupling_nm.y * self.inertia_inverse[1]);
         state.slope_rad_s2 =
             [filter.step(&mut state.rate_rad_s[0], rate.x), filter.step(&mut state.rate_rad_s[1], rate.y)];
         let roll = state.slope_rad_s2[0] - state.predicted[0];
@@ -324,17 +328,6 @@ impl<S: Scalar> Rotors<S> {
             pitch_nm: wanted.pitch_nm - self.inertia_kg_m2[1] * pitch,
             yaw_nm: wanted.yaw_nm,
         }
-    }
-
-    /// Roll and pitch acceleration that the rotors are believed to make now, rad/s².
-    pub(crate) fn tilting_rad_s2(&self, state: &RotorsState<S>) -> [S; 2] {
-        let mut sum = [S::ZERO; 2];
-        for j in 0..4 {
-            let thrust_n = state.shares[j] * state.made_n[j] + state.stuck_n[j];
-            let Column([roll, pitch, _]) = self.columns[j];
-            sum = [sum[0] + roll * thrust_n, sum[1] + pitch * thrust_n];
-        }
-        sum
     }
 
     /// What of `demand` is left for the rotors that are not stuck.

@@ -28,7 +28,8 @@ use crate::filter::LowPass;
 use crate::frames::{Attitude, Body, Ned, Vec3};
 use crate::rotors::Residual;
 use crate::signals::Input;
-use crate::{GRAVITY_M_S2, Scalar};
+use crate::{GRAVITY_M_S2, Mask, Scalar};
+use core::hint::cold_path;
 use riccati::{M, N, Problem};
 
 mod riccati;
@@ -299,12 +300,15 @@ impl<S: Scalar> Spin<S> {
         let Wanted { error_m, error_m_s, forward_m_s2 } = wanted;
         let mut north = kp * error_m.x + kd * error_m_s.x + forward_m_s2.x - spinning.wind_m_s2[0];
         let mut east = kp * error_m.y + kd * error_m_s.y + forward_m_s2.y - spinning.wind_m_s2[1];
-        let wide = (north * north + east * east).sqrt();
         let able = (spin_rad_s.abs() * s(1.0 / ABLE_RAD_S)).clamp(s(LEAST_ABLE), S::ONE);
         let able = if spinning.healed { s(LEAST_ABLE) } else { able };
         let most = s(TAN_TILT_MAX) * up * able;
-        let share = most / wide.max(most);
-        (north, east) = (north * share, east * share);
+        let square = north * north + east * east;
+        if (most * most).lt(square).all() {
+            cold_path();
+            let share = most / square.sqrt();
+            (north, east) = (north * share, east * share);
+        }
         let inverse = S::ONE / (north * north + east * east + up * up).sqrt();
         let (north, east, down) = (-north * inverse, -east * inverse, up * inverse);
         let [a, b, c] = attitude.rows;

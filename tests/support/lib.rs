@@ -4,6 +4,8 @@ use sim_host::flight::{Flight, NumberFormat, Sample};
 use sim_host::metrics::{Flown, Metric, fly_measured, median_and_worst};
 use sim_host::scenario::Scenario;
 use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::OnceLock;
 
 pub mod symbols;
 
@@ -58,4 +60,35 @@ pub fn metric(flights: &[Flown], name: &str) -> (f64, f64) {
     }
     let metric = Metric::named(name).expect("a metric of this name");
     median_and_worst(flights, metric).expect("something to measure")
+}
+
+/// The `sim-host` of this profile, built if it is not there yet.
+///
+/// # Panics
+/// If it cannot be built or run.
+pub fn sim_host(args: &[&str]) -> Output {
+    static BINARY: OnceLock<PathBuf> = OnceLock::new();
+    let binary = BINARY.get_or_init(|| {
+        // Tests lie in target/<profile>/deps.
+        let test = std::env::current_exe().expect("a test has a path");
+        let profile = test.ancestors().nth(2).expect("a target folder").to_owned();
+        let mut build = Command::new(env!("CARGO"));
+        build.args(["build", "--quiet", "--package", "sim-host", "--target-dir"]).arg(profile.join(".."));
+        if profile.ends_with("release") {
+            build.arg("--release");
+        }
+        assert!(build.current_dir(root()).status().expect("cargo runs").success());
+        profile.join("sim-host")
+    });
+    Command::new(binary).args(args).current_dir(root()).output().expect("sim-host runs")
+}
+
+/// Writes `flight.toml` to `file` with one change.
+///
+/// # Panics
+/// If there is nothing to change, or the file cannot be written.
+pub fn change(file: &Path, from: &str, to: &str) {
+    let text = std::fs::read_to_string(root().join("scenarios/flight.toml")).expect("a shipped scenario");
+    assert!(text.contains(from), "{from}");
+    std::fs::write(file, text.replacen(from, to, 1)).expect("written");
 }

@@ -44,7 +44,7 @@ impl<S: Scalar> Controller<S> {
                 forward_m_s2: input.setpoint.acceleration_m_s2,
             };
             let (pointing, thrust_n) = spin.aim(&spinning, &wanted, up_n, rate.z, &input.attitude);
-            let tilting_rad_s2 = rotors.tilting_rad_s2(&state.rotors);
+            let tilting_rad_s2 = state.rotors.tilting_rad_s2;
             let [roll_nm, pitch_nm] = spin.torque_nm(&spinning, &SpinInput { tilting_rad_s2, pointing, rate });
             Demand { thrust_n, roll_nm, pitch_nm, yaw_nm: self.brake_nm(rate.z) }
         } else {

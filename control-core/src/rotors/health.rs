@@ -239,12 +239,13 @@ impl<S: Scalar> Health<S> {
         filter: &LowPass<S>,
         dt_s: S,
     ) {
+        // Once for both: what is found now is a tick late for the others.
+        let (losses, all) = self.evidence(state, residual);
         if state.health.found > 0 {
-            self.follow(state, columns, residual, filter, dt_s);
+            self.follow(state, columns, residual, (&losses, &all), filter, dt_s);
         } else {
             state.health.weather.learn(&self.climate, &residual.0, dt_s);
         }
-        let (losses, all) = self.evidence(state, residual);
         let HealthState { suspects, found, weather } = &mut state.health;
         let scaled = |(gain, drift): (S, S)| (gain * dt_s, drift * dt_s);
         let (loss, excess) = (scaled(self.loss_per_s), scaled(self.excess_per_s));
@@ -329,6 +330,7 @@ impl<S: Scalar> Health<S> {
         state: &mut RotorsState<S>,
         columns: &[Column<S>; 4],
         residual: &mut Residual<S>,
+        (losses, all): (&[Evidence<S>; 4], &Evidence<S>),
         filter: &LowPass<S>,
         dt_s: S,
     ) {
@@ -336,7 +338,6 @@ impl<S: Scalar> Health<S> {
             if !state.health.suspects[i].found {
                 continue;
             }
-            let (losses, all) = self.evidence(state, residual);
             let HealthState { suspects, found, .. } = &mut state.health;
             let mut effect = [S::ZERO; 3];
             let explained = if let Some(j) = i.checked_sub(EXCESS) {
@@ -353,7 +354,7 @@ impl<S: Scalar> Health<S> {
                     let felt_n = state.felt_n[j] * other;
                     effect = core::array::from_fn(|axis| effect[axis] - column.0[axis] * felt_n);
                 }
-                suspects[i].follow(if i == ALL { &all } else { &losses[i] }, filter, dt_s)
+                suspects[i].follow(if i == ALL { all } else { &losses[i] }, filter, dt_s)
             };
             *found -= usize::from(!suspects[i].found);
             residual.0 = core::array::from_fn(|axis| residual.0[axis] - explained * effect[axis]);
