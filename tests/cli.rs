@@ -1,6 +1,6 @@
 //! The command line as a user meets it: files, exit codes, and one clear line for what is wrong.
 use std::path::Path;
-use system_tests::{change, root, sim_host};
+use system_tests::{change, sim_host};
 
 /// Changes `flight.toml`, flies it, and gives the one line that is said on stderr; nothing may be left behind.
 fn refusal(from: &str, to: &str) -> String {

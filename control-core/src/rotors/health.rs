@@ -239,10 +239,14 @@ impl<S: Scalar> Health<S> {
         filter: &LowPass<S>,
         dt_s: S,
     ) {
-        // Once for both: what is found now is a tick late for the others.
-        let (losses, all) = self.evidence(state, residual);
+        let (mut losses, mut all) = self.evidence(state, residual);
         if state.health.found > 0 {
-            self.follow(state, columns, residual, (&losses, &all), filter, dt_s);
+            // Several share one residual: each sees what the others left. What one leaves can wait for the next tick.
+            let several = state.health.found > 1;
+            self.follow(state, columns, residual, (&mut losses, &mut all), filter, dt_s);
+            if several {
+                (losses, all) = self.evidence(state, residual);
+            }
         } else {
             state.health.weather.learn(&self.climate, &residual.0, dt_s);
         }
@@ -330,13 +334,16 @@ impl<S: Scalar> Health<S> {
         state: &mut RotorsState<S>,
         columns: &[Column<S>; 4],
         residual: &mut Residual<S>,
-        (losses, all): (&[Evidence<S>; 4], &Evidence<S>),
+        (losses, all): (&mut [Evidence<S>; 4], &mut Evidence<S>),
         filter: &LowPass<S>,
         dt_s: S,
     ) {
         for i in 0..HYPOTHESES {
             if !state.health.suspects[i].found {
                 continue;
+            }
+            if state.health.found > 1 {
+                (*losses, *all) = self.evidence(state, residual);
             }
             let HealthState { suspects, found, .. } = &mut state.health;
             let mut effect = [S::ZERO; 3];
