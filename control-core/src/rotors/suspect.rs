@@ -23,6 +23,8 @@ const HASTE: (f32, f32) = (0.15, 0.05);
 const WHOLE: (f32, f32) = (0.06, 1.0);
 /// h'C⁻¹h below which a rotor pulls too little to be judged.
 const FAINT: f32 = 0.5;
+/// Least h'C⁻¹h that divides.
+const SIZE_MIN: f32 = 1e-3;
 /// Largest thrust that a rotor is believed to be stuck at, over a quarter of the weight.
 const STUCK_MAX: f32 = 8.0;
 
@@ -86,7 +88,8 @@ impl<S: Scalar> Suspect<S> {
         dt_s: S,
     ) -> S {
         let s = S::from_f32;
-        let error = seen / (size * self.risen);
+        // Where all are believed to make nothing there is nothing to divide by.
+        let error = seen / (size * self.risen).max(s(SIZE_MIN));
         let before = self.factor;
         self.factor = (before + self.stride(error, dt_s)).clamp(S::ZERO, s(STUCK_MAX));
         let change = (self.factor - before) * self.risen;
@@ -215,5 +218,13 @@ mod tests {
         let stuck = run(1.8);
         assert!(stuck.found && (stuck.factor - 1.8).abs() < 0.01, "{stuck:?}");
         assert!(!run(1.0).found);
+    }
+
+    #[test]
+    fn without_evidence_a_stuck_rotor_stays_what_it_was() {
+        let mut suspect = Suspect::<f32>::caught(0.02, 0.8, 5.0);
+        let filter = LowPass::new(94.0, DT_S);
+        assert_eq!(suspect.follow_stuck(&Evidence { seen: 0.0, size: 0.0 }, 3.0, &filter, DT_S), 0.0);
+        assert_eq!(suspect.factor, 1.0);
     }
 }
