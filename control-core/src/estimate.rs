@@ -1,0 +1,62 @@
+//! Estimate: what is believed of the machine's motion, how well, and what of it may be flown on.
+use crate::frames::{Attitude, Body, Ned, Vec3};
+
+/// Motion, biases and their uncertainty at one time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// When, µs since boot.
+    pub time_us: u64,
+    /// Position, m.
+    pub position_m: Vec3<Ned>,
+    /// Velocity, m/s.
+    pub velocity_m_s: Vec3<Ned>,
+    /// Body to NED.
+    pub attitude: Attitude,
+    /// Body rates, filtered, bias taken off, rad/s.
+    pub rate_rad_s: Vec3<Body>,
+    /// Specific force, bias taken off, m/s².
+    pub specific_force_m_s2: Vec3<Body>,
+    /// Gyro bias, rad/s.
+    pub gyro_bias_rad_s: Vec3<Body>,
+    /// Accelerometer bias, m/s².
+    pub accelerometer_bias_m_s2: Vec3<Body>,
+    /// Uncertainty.
+    pub sigma: Sigma,
+    /// What may be flown on.
+    pub health: Health,
+}
+
+/// Standard deviations, from the filter's covariance.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sigma {
+    /// The larger of roll and pitch, rad.
+    pub tilt_rad: f32,
+    /// Heading, rad.
+    pub heading_rad: f32,
+    /// Horizontal velocity, m/s.
+    pub horizontal_m_s: f32,
+    /// Vertical velocity, m/s.
+    pub vertical_m_s: f32,
+    /// Horizontal position, m.
+    pub horizontal_m: f32,
+    /// Altitude, m.
+    pub altitude_m: f32,
+}
+
+/// What of an estimate may be flown on. Each needs the ones above it, and a source that is alive.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[expect(clippy::struct_excessive_bools, reason = "six independent facts, each read by name")]
+pub struct Health {
+    /// Body rates: the inertial unit is alive and believed.
+    pub rates: bool,
+    /// Roll and pitch.
+    pub tilt: bool,
+    /// Heading.
+    pub heading: bool,
+    /// Altitude and climb rate.
+    pub altitude: bool,
+    /// Horizontal velocity.
+    pub velocity: bool,
+    /// Horizontal position.
+    pub position: bool,
+}
