@@ -191,12 +191,20 @@ pub(crate) enum Stream {
     Torque = 4,
     Campaign = 5,
     Preflight = 6,
+    Sensor = 7,
+    SensorFault = 8,
 }
 
 pub(crate) fn random(seed: u64, stream: Stream) -> Pcg64 {
+    random_of(seed, stream, 0)
+}
+
+/// The same for one of many of a kind.
+pub(crate) fn random_of(seed: u64, stream: Stream, index: u8) -> Pcg64 {
     let mut bytes = [0; 32];
     bytes[..8].copy_from_slice(&seed.to_le_bytes());
     bytes[8] = stream as u8;
+    bytes[9] = index;
     // `from_seed` takes the bytes as they are; one round of splitting spreads neighbouring seeds.
     Pcg64::from_rng(&mut Pcg64::from_seed(bytes))
 }
