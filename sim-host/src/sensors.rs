@@ -12,6 +12,7 @@
 //! | `line.rs`   | rate, latency, time stamps                                |
 //! | `chance.rs` | random processes, registers                               |
 //! | `broken.rs` | faults                                                    |
+//! | `account.rs`| how wrong the readings of a flight were                   |
 //! | the others  | one kind of sensor each, its equations at the top         |
 use crate::actuators::Vibration;
 use crate::fault::sensors::Sensor;
@@ -27,6 +28,7 @@ use rand_pcg::Pcg64;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+mod account;
 mod air;
 mod broken;
 mod chance;
@@ -41,6 +43,7 @@ mod power;
 mod suite;
 mod vision;
 
+pub use account::Account;
 pub use keys::{BatteryKeys, Each, EarthKeys, RotorSpeedPart, SensorKeys, SkyKeys};
 pub use parts::{BaroPart, FlowPart, GnssPart, ImuPart, MagPart, RangePart, VisionPart};
 pub use suite::{Carrier, SensorSuite};
