@@ -56,6 +56,7 @@ impl Scenario {
         self.check_reference()?;
         self.check_noise_and_wind()?;
         self.check_faults()?;
+        self.check_sensors()?;
         for (name, keys) in &self.controllers {
             check_gains(&format!("controllers.{name}.gains"), keys)?;
         }
