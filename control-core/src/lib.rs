@@ -49,7 +49,7 @@ pub use airframe::{Airframe, Rotor};
 pub use allocation::{Allocation, Allocator, Demand};
 pub use attitude::AttitudeGains;
 pub use config::{AxisConfig, Cascade, Config, ConfigError, Gains};
-pub use controller::{Controller, State};
+pub use controller::{Controller, Lift, State, Target};
 pub use law::{AxisTelemetry, Law};
 pub use rotors::{Alarm, DetectorConfig, HYPOTHESES, Knowledge, RotorsConfig, RotorsTelemetry};
 #[cfg(feature = "fixed")]
