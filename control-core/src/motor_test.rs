@@ -98,3 +98,74 @@ impl MotorTest {
         self.phase == Phase::Done
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DT_S: f32 = 0.01;
+
+    /// Which rotor turned when, as runs of (rotor, ticks); 4 for none.
+    fn runs(order: &MotorTestOrder, rate: impl Fn(usize) -> f32) -> std::vec::Vec<(usize, usize)> {
+        let mut test = MotorTest::new(order);
+        let mut runs = std::vec::Vec::<(usize, usize)>::new();
+        for tick in 0..5000 {
+            let motors = test.tick(Vec3::new(0.0, rate(tick), 0.0), DT_S);
+            assert!(motors.iter().all(|share| (0.0..=SHARE_MAX).contains(share)));
+            let turning = motors.iter().filter(|&&share| share > 0.0).count();
+            assert!(turning <= 1, "one at a time");
+            let rotor = motors.iter().position(|&share| share > 0.0).unwrap_or(4);
+            match runs.last_mut() {
+                Some((last, ticks)) if *last == rotor => *ticks += 1,
+                _ => runs.push((rotor, 1)),
+            }
+        }
+        assert!(test.is_done());
+        runs
+    }
+
+    #[test]
+    fn phases_follow_the_table() {
+        use Phase::{Done, Pause, Turn};
+        let calm = Facts { moves: false, time_is_up: false, last: 3 };
+        let late = Facts { time_is_up: true, ..calm };
+        for (why, from, facts, want) in [
+            ("a turn lasts", Turn(0), calm, Turn(0)),
+            ("a pause follows", Turn(0), late, Pause(0)),
+            ("the next follows the pause", Pause(0), late, Turn(1)),
+            ("the last ends it", Turn(3), late, Done),
+            ("a machine that moves ends it", Turn(0), Facts { moves: true, ..calm }, Done),
+            ("in a pause too", Pause(2), Facts { moves: true, ..calm }, Done),
+            ("the end stays", Done, late, Done),
+        ] {
+            assert_eq!(from.next(facts), want, "{why}");
+        }
+    }
+
+    #[test]
+    fn rotors_turn_in_order_or_one_alone() {
+        let all = MotorTestOrder { rotor: None, share: 0.1, seconds: 1.0 };
+        let turned: std::vec::Vec<_> = runs(&all, |_| 0.0).into_iter().map(|(rotor, _)| rotor).collect();
+        assert_eq!(turned, [0, 4, 1, 4, 2, 4, 3, 4]);
+        let one = runs(&MotorTestOrder { rotor: Some(2), ..all }, |_| 0.0);
+        assert!(one[0].0 == 2 && one[0].1.abs_diff(100) <= 1 && one[1].0 == 4 && one.len() == 2, "{one:?}");
+    }
+
+    #[test]
+    fn an_order_beyond_the_limits_is_held_within_them() {
+        let wild = MotorTestOrder { rotor: Some(9), share: 7.0, seconds: f32::INFINITY };
+        let one = runs(&wild, |_| 0.0);
+        assert!(one[0].0 == 3 && one[0].1 <= 1001, "{one:?}");
+        let nothing = MotorTestOrder { rotor: Some(0), share: f32::NAN, seconds: f32::NAN };
+        assert_eq!(runs(&nothing, |_| 0.0), [(4, 5000)]);
+    }
+
+    #[test]
+    fn it_ends_when_the_machine_moves_or_the_gyro_fails() {
+        let order = MotorTestOrder { rotor: Some(0), share: 0.2, seconds: 5.0 };
+        for bad in [0.6, f32::NAN, f32::INFINITY] {
+            let one = runs(&order, |tick| if tick == 50 { bad } else { 0.0 });
+            assert_eq!(one[0], (0, 50), "{bad}");
+        }
+    }
+}

@@ -150,3 +150,70 @@ impl Index<Parameter> for Parameters {
 pub fn index_of(name: &str) -> Option<usize> {
     TABLE.iter().position(|declaration| declaration.name == name)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Airframe;
+    use std::string::ToString;
+
+    #[test]
+    fn declarations_are_as_mavlink_and_sense_allow() {
+        for (i, d) in TABLE.iter().enumerate() {
+            assert!(!d.name.is_empty() && d.name.len() <= NAME_LENGTH_MAX, "{}", d.name);
+            assert!(d.name.bytes().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == b'_'), "{}", d.name);
+            assert!(d.min < d.max && (d.min..=d.max).contains(&d.default), "{}", d.name);
+            assert!(d.text.ends_with('.') && !d.text.contains('\n'), "{}", d.name);
+            assert_eq!(index_of(d.name), Some(i), "{} is declared once", d.name);
+        }
+    }
+
+    #[test]
+    fn a_value_out_of_range_is_refused_with_the_range_and_changes_nothing() {
+        let mut parameters = Parameters::default();
+        for (name, value, says) in [
+            ("FS_LINK_S", 100.0, "FS_LINK_S = 100: must be from 0.1 to 10 s"),
+            ("FS_LINK_S", f32::NAN, "FS_LINK_S = NaN: must be from 0.1 to 10 s"),
+            ("STICK_EXPO", -1.0, "STICK_EXPO = -1: must be from 0 to 0.9"),
+            ("FS_LINKS", 1.0, "there is no parameter of this name"),
+        ] {
+            let error = parameters.set(name, value).expect_err(name);
+            assert_eq!(error.to_string(), says);
+        }
+        assert_eq!(parameters, Parameters::default());
+    }
+
+    #[test]
+    fn every_parameter_takes_the_ends_of_its_range_and_nothing_beyond() {
+        for (i, d) in TABLE.iter().enumerate() {
+            let mut parameters = Parameters::default();
+            for value in [d.min, d.max] {
+                assert_eq!(parameters.set(d.name, value), Ok(i));
+                assert_eq!(parameters.get(d.name), Some(value));
+            }
+            for value in [d.min.next_down(), d.max.next_up(), f32::INFINITY] {
+                assert!(parameters.set_at(i, value).is_err(), "{} = {value}", d.name);
+            }
+        }
+        assert_eq!(Parameters::default().set_at(COUNT, 0.0), Err(ParameterError::Unknown));
+    }
+
+    #[test]
+    fn gains_are_what_they_were_unless_a_factor_is_set() {
+        let gains = Gains::flight(&Airframe::paper(2.2));
+        let mut parameters = Parameters::default();
+        assert_eq!(parameters.tune(gains), gains);
+        for (name, changed) in [
+            (
+                "GAIN_TILT",
+                (|a, b| a.phi.kp == 2.0 * b.phi.kp && a.theta.kd == 2.0 * b.theta.kd) as fn(Gains, Gains) -> _,
+            ),
+            ("GAIN_HORIZ", |a, b| a.x.k0 == b.x.k0.map(|k| 2.0 * k) && a.y.k0 == b.y.k0.map(|k| 2.0 * k)),
+            ("GAIN_ALT", |a, b| a.z.k0 == b.z.k0.map(|k| 2.0 * k)),
+            ("GAIN_HEADING", |a, b| a.psi.k0 == b.psi.k0.map(|k| 2.0 * k)),
+        ] {
+            parameters.set(name, 2.0).expect("in its range");
+            assert!(changed(parameters.tune(gains), gains), "{name}");
+        }
+    }
+}

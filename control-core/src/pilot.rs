@@ -134,3 +134,70 @@ impl Pilot {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NOW_US: u64 = 10_000_000;
+
+    fn shape() -> Shape {
+        Shape::from(&Parameters::default())
+    }
+
+    fn frame(arm: bool, mode: Mode) -> Stamped<PilotInput> {
+        Stamped { time_us: NOW_US, value: PilotInput { sticks: Sticks::NEUTRAL, arm, mode } }
+    }
+
+    #[test]
+    fn sticks_are_shaped_through_a_dead_band_to_full_travel() {
+        let shape = shape();
+        for (x, want) in [(0.0, 0.0), (0.05, 0.0), (-0.05, 0.0), (1.0, 1.0), (-1.0, -1.0), (7.0, 1.0)] {
+            assert!((shape.stick(x) - want).abs() < 1e-6, "{x}: {}", shape.stick(x));
+        }
+        let fine = shape.stick(0.3);
+        assert!(fine > 0.0 && fine < 0.25, "finer about the centre: {fine}");
+        let steps = (0..=100).map(|i| shape.stick(i as f32 / 100.0));
+        assert!(steps.clone().zip(steps.skip(1)).all(|(a, b)| a <= b), "monotonic");
+    }
+
+    #[test]
+    fn a_frame_that_is_old_from_the_future_or_not_finite_is_no_frame() {
+        let pushed = Sticks { forward: 1.0, ..Sticks::NEUTRAL };
+        let mut good = frame(true, Mode::Angle);
+        good.value.sticks = pushed;
+        let mut bad = good;
+        bad.value.sticks.right = f32::NAN;
+        let old = Stamped { time_us: NOW_US - 600_000, ..good };
+        let future = Stamped { time_us: NOW_US + 600_000, ..good };
+        for (why, frame, heard) in [
+            ("good", Some(good), true),
+            ("none", None, false),
+            ("old", Some(old), false),
+            ("from the future", Some(future), false),
+            ("not a number", Some(bad), false),
+        ] {
+            let reading = Pilot::UNHEARD.read(&shape(), frame.as_ref(), NOW_US);
+            assert_eq!(reading.sticks.forward > 0.9, heard, "{why}");
+            assert_eq!(reading.age_s < 0.5, heard, "{why}");
+            assert!(heard || reading.climb == 0.0, "{why}: the throttle is neutral, too");
+        }
+    }
+
+    #[test]
+    fn switches_have_edges_only_where_they_were_seen_to_move() {
+        let mut pilot = Pilot::UNHEARD;
+        let mut read = |frame: Option<Stamped<PilotInput>>| {
+            let reading = pilot.read(&shape(), frame.as_ref(), NOW_US);
+            (reading.arm, reading.arm_rose, reading.mode_moved)
+        };
+        assert_eq!(read(Some(frame(true, Mode::Angle))), (true, false, false), "on at power-up");
+        assert_eq!(read(Some(frame(false, Mode::Angle))), (false, false, false));
+        assert_eq!(read(Some(frame(true, Mode::Angle))), (true, true, false));
+        assert_eq!(read(Some(frame(true, Mode::Rate))), (true, false, true));
+        assert_eq!(read(None), (true, false, false), "the link is lost: the switches stay");
+        assert_eq!(read(Some(frame(true, Mode::Rate))), (true, false, false), "and comes back");
+        assert_eq!(read(None), (true, false, false));
+        assert_eq!(read(Some(frame(false, Mode::Angle))), (false, false, true), "moved meanwhile");
+    }
+}

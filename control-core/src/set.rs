@@ -74,3 +74,21 @@ impl<T: Member + fmt::Display> fmt::Display for Set<T> {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arming::Check;
+    use std::string::ToString;
+
+    #[test]
+    fn members_come_out_in_order_once_and_as_text() {
+        let mut set: Set<Check> = [Check::Battery, Check::Link, Check::Link].into_iter().collect();
+        assert!(set.iter().eq([Check::Link, Check::Battery]));
+        assert_eq!(set.to_string(), "the pilot is not heard; the battery is low, or not measured");
+        set.put(Check::Link, false);
+        assert!(!set.contains(Check::Link) && set.contains(Check::Battery) && !set.is_empty());
+        assert_eq!(set.bits().count_ones(), 1);
+        assert_eq!(Set::<Check>::EMPTY.to_string(), "");
+    }
+}

@@ -18,6 +18,7 @@ use std::process::ExitCode;
 
 mod detect;
 mod limits;
+mod params;
 mod suite;
 
 /// Flies quadrotors that lose thrust, and compares the controllers that keep them up.
@@ -40,6 +41,8 @@ enum Command {
     Suite(suite::SuiteArgs),
     /// Print the largest loss of thrust, and the thrusts of a stuck rotor, that a hover survives, by linear program.
     Limits(limits::LimitsArgs),
+    /// Print the parameters of the flight logic: names, ranges, values.
+    Params(params::ParamsArgs),
     /// Print the JSON Schema of a scenario.
     Schema,
 }
@@ -117,6 +120,7 @@ pub fn run() -> ExitCode {
         Command::Detect(args) => detect::detect(args),
         Command::Suite(args) => suite::suite(args),
         Command::Limits(args) => limits::limits(args),
+        Command::Params(args) => params::params(args),
         Command::Schema => schema(),
     };
     result.map_or_else(

@@ -123,3 +123,79 @@ impl Feet {
         (self.spooling_s / SPOOL_S).min(1.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DT_S: f32 = 0.01;
+    const STANDING: Felt = Felt {
+        armed: true,
+        lift: false,
+        spool_s: SPOOL_S,
+        thrust_weights: 0.1,
+        force_z_m_s2: -GRAVITY_M_S2,
+        rate_rad_s: Vec3::zero(),
+        pressed: None,
+    };
+    const HOVERING: Felt = Felt { lift: true, thrust_weights: 1.0, ..STANDING };
+
+    #[test]
+    fn contact_follows_the_table() {
+        use Contact::{Flying, Spooling, Standing};
+        let idle = Facts { armed: true, lift: false, spooled: false, borne: false };
+        let lift = Facts { lift: true, ..idle };
+        for (why, from, facts, want) in [
+            ("it stands", Standing, Facts { borne: true, ..idle }, Standing),
+            ("to take off, it spools up", Standing, lift, Spooling),
+            ("which takes its time", Spooling, lift, Spooling),
+            ("and may be given up", Spooling, idle, Standing),
+            ("then it flies", Spooling, Facts { spooled: true, ..lift }, Flying),
+            ("with the throttle low it still flies", Flying, idle, Flying),
+            ("the ground bears it", Flying, Facts { borne: true, ..idle }, Standing),
+            ("disarmed in the air", Flying, Facts { armed: false, ..lift }, Standing),
+        ] {
+            assert_eq!(from.next(&facts), want, "{why}");
+        }
+    }
+
+    /// Where a machine in the air is after a second of `felt`.
+    fn after_a_second(felt: Felt) -> Contact {
+        let mut feet = Feet::STANDING;
+        for _ in 0..70 {
+            feet.step(&HOVERING, DT_S);
+        }
+        assert_eq!(feet.contact, Contact::Flying);
+        (0..100).map(|_| feet.step(&felt, DT_S)).find(|&c| c != Contact::Flying).unwrap_or(Contact::Flying)
+    }
+
+    #[test]
+    fn only_the_ground_bears_a_machine_that_does_not_pull() {
+        use Contact::{Flying, Standing};
+        let falling = Felt { force_z_m_s2: -0.1 * GRAVITY_M_S2, ..STANDING };
+        let moving = Vec3::new(0.5, 0.0, 0.0);
+        for (why, felt, want) in [
+            ("on its feet", STANDING, Standing),
+            ("hovering", Felt { lift: false, ..HOVERING }, Flying),
+            ("falling with the throttle low", falling, Flying),
+            ("sinking at constant speed", Felt { thrust_weights: 0.9, ..STANDING }, Flying),
+            ("rolling over", Felt { rate_rad_s: moving, ..STANDING }, Flying),
+            ("feeling nothing that is a number", Felt { force_z_m_s2: f32::NAN, ..STANDING }, Flying),
+            ("told to come down, and does not", Felt { pressed: Some((0.6, 0.1)), ..HOVERING }, Standing),
+            ("told to come down, and does", Felt { pressed: Some((0.6, 0.7)), ..HOVERING }, Flying),
+            ("told to come down, just now", Felt { pressed: Some((0.2, 0.0)), ..HOVERING }, Flying),
+        ] {
+            assert_eq!(after_a_second(Felt { lift: false, ..felt }), want, "{why}");
+        }
+    }
+
+    #[test]
+    fn a_bump_is_no_landing() {
+        let mut feet = Feet::STANDING;
+        for tick in 0..1000 {
+            let felt = if tick < 100 || tick % 45 == 0 { HOVERING } else { Felt { lift: tick < 100, ..STANDING } };
+            let contact = feet.step(&felt, DT_S);
+            assert!(tick < 70 || contact == Contact::Flying, "tick {tick}");
+        }
+    }
+}
