@@ -31,6 +31,7 @@ mod attitude;
 mod config;
 mod controller;
 pub mod estimate;
+pub mod estimation;
 pub mod fault;
 mod filter;
 pub mod frames;
