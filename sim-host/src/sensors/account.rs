@@ -213,7 +213,7 @@ impl Account {
 
     /// Notes one tick.
     pub fn note(&mut self, sample: &Sample) {
-        let (t_s, truth) = (sample.t_s, *sample.truth);
+        let (t_s, truth) = (sample.clock_s, *sample.truth);
         let rotor_rad_s = std::array::from_fn(|i| {
             let share = sample.effectiveness[i];
             let rotor_n = if share == 0.0 { 0.0 } else { truth.thrust_n[i] / share };

@@ -16,6 +16,8 @@ pub enum RotorSpeedPart {
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorKeys {
+    /// Whether controllers fly on what an estimator makes of the sensors; else they are shown the truth with `[noise]`.
+    pub flown: bool,
     /// Inertial unit.
     pub imu: Option<ImuPart>,
     /// How many of it, 1 or 2.
@@ -69,6 +71,7 @@ pub struct SensorKeys {
 impl Default for SensorKeys {
     fn default() -> Self {
         Self {
+            flown: false,
             imu: None,
             imus: 1,
             baro: None,
