@@ -13,6 +13,7 @@ use control_core::measurement::Measurements;
 use control_core::{Config, ConfigError, Controller, Input, Output, Q16, Scalar, Telemetry, WiringFault};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
+use std::collections::VecDeque;
 use std::fmt;
 
 /// The arithmetic the controller flies in.
@@ -254,6 +255,8 @@ impl Flight<'_> {
         let dt_s = 1.0 / scenario.control_hz();
         let mut actuators = Actuators::new(&vehicle, &scenario.fault, dt_s, random(self.seed, Stream::Fault));
         let mut actuation = Actuation { drives: actuators.hovering(), gust: gusts.step(dt_s) };
+        let late = (scenario.oracle_delay_s * scenario.control_hz()).round() as usize;
+        let mut news = VecDeque::from(vec![[1.0; 4]; late]);
         let ticks = (scenario.duration_s * scenario.control_hz()).round() as usize;
         for tick in 0..ticks {
             let t_s = tick as f64 * dt_s;
@@ -269,7 +272,9 @@ impl Flight<'_> {
             });
             let input = sensors.sample(&truth, actuators.vibration(), &target, dt_s);
             let told = actuators.told();
-            let shares = if self.controller == ControllerName::Oracle { told.truth.map(Some) } else { told.reported };
+            news.push_back(told.truth);
+            let known = news.pop_front().unwrap_or(told.truth);
+            let shares = if self.controller == ControllerName::Oracle { known.map(Some) } else { told.reported };
             controller.report(&mut state, shares.map(|share| share.map(S::from_f32)));
             let output = controller.tick(&mut state, &input.cast()).to_f32();
             let telemetry = controller.telemetry(&state).to_f32();

@@ -50,6 +50,9 @@ pub struct Scenario {
     /// Whether the wiring is checked on the ground before the flight, which is refused if it is wrong.
     #[serde(default)]
     pub preflight: bool,
+    /// How late the controller `oracle` learns what the rotors answer, s: what a detection that takes so long would cost.
+    #[serde(default)]
+    pub oracle_delay_s: f64,
     /// What differs from the named airframe, and the motors.
     #[serde(default)]
     pub vehicle: VehicleKeys,
