@@ -18,6 +18,7 @@ use std::process::ExitCode;
 
 mod detect;
 mod limits;
+mod params;
 mod sensors;
 mod suite;
 
@@ -43,6 +44,8 @@ enum Command {
     Limits(limits::LimitsArgs),
     /// Fly once, and print how wrong each sensor was beside the truth.
     Sensors(sensors::SensorsArgs),
+    /// Print the parameters of the flight logic: names, ranges, values.
+    Params(params::ParamsArgs),
     /// Print the JSON Schema of a scenario.
     Schema,
 }
@@ -121,6 +124,7 @@ pub fn run() -> ExitCode {
         Command::Suite(args) => suite::suite(args),
         Command::Limits(args) => limits::limits(args),
         Command::Sensors(args) => sensors::sensors(args),
+        Command::Params(args) => params::params(args),
         Command::Schema => schema(),
     };
     result.map_or_else(

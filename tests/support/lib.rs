@@ -8,6 +8,8 @@ use std::process::{Command, Output};
 use std::sync::OnceLock;
 
 pub mod bench;
+pub mod motion;
+pub mod rig;
 pub mod symbols;
 
 /// The root of the workspace.
