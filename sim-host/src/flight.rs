@@ -267,8 +267,9 @@ impl Flight<'_> {
             }
             let truth = plant.truth(&actuation);
             let measurements = suite.as_mut().map_or_else(Measurements::default, |suite| {
-                let (vibration, rotor_n) = (actuators.vibration(), &plant.rotor_n(&actuation));
-                suite.sample(&World { t_s, truth: &truth, vibration, rotor_n, gust: &actuation.gust })
+                let (vibration, voltage) = (actuators.vibration(), actuators.voltage());
+                let rotor_n = &plant.rotor_n(&actuation);
+                suite.sample(&World { t_s, truth: &truth, vibration, rotor_n, gust: &actuation.gust, voltage })
             });
             let input = sensors.sample(&truth, actuators.vibration(), &target, dt_s);
             let told = actuators.told();
