@@ -275,8 +275,9 @@ impl Flight<'_> {
             let truth = plant.truth(&actuation);
             let mut input = sensors.sample(&truth, actuators.vibration(), &target, dt_s);
             if let Some(aboard) = &mut aboard {
-                let (vibration, rotor_n) = (actuators.vibration(), &plant.rotor_n(&actuation));
-                aboard.step(&World { t_s, truth: &truth, vibration, rotor_n, gust: &actuation.gust });
+                let (vibration, voltage) = (actuators.vibration(), actuators.voltage());
+                let rotor_n = &plant.rotor_n(&actuation);
+                aboard.step(&World { t_s, truth: &truth, vibration, rotor_n, gust: &actuation.gust, voltage });
                 if aboard.is_flown() {
                     input = aboard.input(target.setpoint());
                 }
@@ -323,7 +324,8 @@ impl Flight<'_> {
             Carrier { vehicle, ground_altitude_m: ground.altitude_m, control_hz: scenario.control_hz(), seed };
         let mut aboard = Aboard::new(keys, &scenario.sensor_fault, &carrier);
         let (vibration, gust) = (actuators.vibration(), &Gust::default());
-        aboard.hold(&World { t_s: 0.0, truth: start, vibration, rotor_n: &start.thrust_n, gust });
+        let voltage = actuators.voltage();
+        aboard.hold(&World { t_s: 0.0, truth: start, vibration, rotor_n: &start.thrust_n, gust, voltage });
         Some(aboard)
     }
 
