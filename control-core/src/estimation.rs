@@ -140,6 +140,8 @@ pub struct Estimator {
     chain: GyroChain,
     /// Unit vector north and east of the earth's field.
     earth: [f32; 2],
+    /// Its part down over its horizontal part.
+    steep: f32,
     earth_ut: f32,
 }
 
@@ -156,6 +158,7 @@ impl Estimator {
             config: *config,
             chain: GyroChain::new(&config.gyro),
             earth: [field.x / horizontal, field.y / horizontal],
+            steep: field.z / horizontal,
             earth_ut: Scalar::sqrt(field.norm_squared()),
         })
     }

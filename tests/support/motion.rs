@@ -185,7 +185,7 @@ pub struct Aboard {
 }
 
 /// The ground below where the motion starts, m: flow needs some height.
-pub const GROUND_M: f64 = 3.0;
+pub const GROUND_M: f64 = 6.0;
 
 /// A motion with sensors, sampled in step.
 #[derive(Clone, Debug)]

@@ -35,7 +35,7 @@ struct Verdict {
 
 impl EstimatorState {
     fn past(&self, time_us: u64, now_us: u64) -> Option<Past> {
-        self.filter.history.at(time_us, now_us, &self.filter.nominal)
+        self.filter.history.at(time_us, now_us)
     }
 
     /// Records what became of a sample.
@@ -234,7 +234,7 @@ impl Estimator {
             return state.record(Source::Magnetometer, field.time_us, None);
         };
         let measured_ut = past.rotation.attitude().to_ned(field.value);
-        let observations = observe::heading(measured_ut, self.earth, self.config.aiding.magnetic_ut);
+        let observations = observe::heading(measured_ut, self.earth, self.steep, self.config.aiding.magnetic_ut);
         let (Some(observations), false) = (observations, seen) else { return };
         let mut verdict = Verdict::NONE;
         if self.group(state, &mut verdict, &observations) {
