@@ -1,12 +1,12 @@
 //! The estimator against motion in closed form: is it right, does it know how right, and does nothing break it.
 use control_core::estimate::Estimate;
-use control_core::estimation::{Estimator, EstimatorConfig, EstimatorState, STATES};
+use control_core::estimation::{Estimator, EstimatorConfig, EstimatorState, EstimatorTelemetry, STATES};
 use control_core::frames::Vec3;
 use rayon::prelude::*;
 use system_tests::motion::{Aboard, Motion, Noise, Truth, World, sub};
 
 /// Errors of an estimate in the order of the covariance: attitude, velocity, position and biases.
-fn errors(estimate: &Estimate, truth: &Truth, world: &World, offset_m: f32) -> [f64; STATES] {
+fn errors(estimate: &Estimate, truth: &Truth, world: &World, telemetry: &EstimatorTelemetry) -> [f64; STATES] {
     let triple = |v: [f32; 3]| v.map(f64::from);
     let rows = estimate.attitude.rows.map(triple);
     // R R̂ᵀ less its transpose, halved.
@@ -21,10 +21,10 @@ fn errors(estimate: &Estimate, truth: &Truth, world: &World, offset_m: f32) -> [
         sub(world.gyro_bias_rad_s, body(estimate.gyro_bias_rad_s)),
         sub(world.accelerometer_bias_m_s2, body(estimate.accelerometer_bias_m_s2)),
     ];
+    let offset_m = world.barometer_offset_m - f64::from(telemetry.barometer_offset_m);
+    let ground_m = world.ground_m - telemetry.ground_m.map_or(world.ground_m, f64::from);
     let mut all = [0.0; STATES];
-    for (slot, error) in
-        all.iter_mut().zip(groups.into_iter().flatten().chain([world.barometer_offset_m - f64::from(offset_m)]))
-    {
+    for (slot, error) in all.iter_mut().zip(groups.into_iter().flatten().chain([offset_m, ground_m])) {
         *slot = error;
     }
     all
@@ -120,8 +120,8 @@ fn the_filter_knows_how_wrong_it_is_with_every_set_of_sensors() {
                 fly(&estimator, &mut world, 60.0, |t_s, world, state, estimate| {
                     tick += 1;
                     if t_s > 6.0 && tick % 250 == 0 {
-                        let offset_m = estimator.telemetry(state, world.now_us).barometer_offset_m;
-                        let error = errors(estimate, &world.truth(), world, offset_m);
+                        let telemetry = estimator.telemetry(state, world.now_us);
+                        let error = errors(estimate, &world.truth(), world, &telemetry);
                         let mut shares = error;
                         for (i, share) in shares.iter_mut().enumerate() {
                             *share = *share * *share / f64::from(state.covariance()[i][i]);

@@ -7,8 +7,8 @@
 //!                         covariance, history ──┴─ GNSS, barometer, magnetometer, range and flow, vision: each at its own time
 //! ```
 //!
-//! An error-state Kalman filter of sixteen states: attitude, velocity, position, gyro and accelerometer bias, and the barometer's offset. It
-//! starts at rest (`alignment.rs`), and falls back to fixed gains (`complementary.rs`) while its covariance or state cannot be believed.
+//! An error-state Kalman filter of seventeen states: attitude, velocity, position, gyro and accelerometer bias, the barometer's offset and the
+//! ground's height. It starts at rest (`alignment.rs`), and falls back to fixed gains (`complementary.rs`) while its covariance or state cannot be believed.
 //! Nothing is assumed of what makes the machine move: no thrust, drag or hover enters, so that wind and a lost rotor are motion, which
 //! they are, and not bias.
 //!
@@ -72,6 +72,8 @@ pub struct EstimatorTelemetry {
     pub fallbacks: u32,
     /// What the barometer reads above altitude, m.
     pub barometer_offset_m: f32,
+    /// Where range and flow see the ground, m down.
+    pub ground_m: Option<f32>,
     /// How much later slow motion leaves the filters of the rates than it enters them, s.
     pub rate_delay_s: f32,
 }
@@ -127,7 +129,8 @@ pub struct EstimatorState {
 }
 
 impl EstimatorState {
-    /// The covariance of the errors: attitude (NED, rad), velocity, position, gyro bias, accelerometer bias and the barometer's offset.
+    /// The covariance of the errors: attitude (NED, rad), velocity, position, gyro bias, accelerometer bias, the barometer's
+    /// offset and the ground.
     pub fn covariance(&self) -> &[[f32; STATES]; STATES] {
         self.filter.covariance.matrix()
     }
@@ -224,6 +227,7 @@ impl Estimator {
             resets: state.resets,
             fallbacks: state.fallbacks,
             barometer_offset_m: state.filter.barometer_offset_m,
+            ground_m: state.filter.ground_m,
             rate_delay_s: self.chain.delay_s(&state.gyro),
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! A source that is refused alone for [`RESET_US`] has no other to contradict it: what it measures is set anew from it. Vision outranks
 //! the magnetometer while it lives, as its frame may not be north's.
-use super::covariance::{BARO_OFFSET, Observation, POSITION, VELOCITY};
+use super::covariance::{BARO_OFFSET, GROUND, Observation, POSITION, VELOCITY};
 use super::history::Past;
 use super::observe;
 use super::sources::{Source, SourceFault};
@@ -158,7 +158,7 @@ impl Estimator {
         if levelled {
             state.aided.altitude_us = now_us;
         } else if !state.levelled || state.yields(state.aided.altitude_us, now_us, RESET_US) {
-            state.filter.level_absolutely(past, measured_m, vertical_m, self.config.aiding.barometer_m);
+            state.filter.level_absolutely(past, measured_m, vertical_m, &self.config);
             (state.levelled, verdict.taken, state.aided.altitude_us) = (true, true, now_us);
         }
         placed
@@ -197,14 +197,18 @@ impl Estimator {
             return;
         }
         let (sigma_m, mut verdict) = (self.config.aiding.range_m + RANGE_SHARE * range.value, Verdict::NONE);
-        let here_m = past.position_m.z + height_m;
-        let ground_m = *state.filter.ground_m.get_or_insert(here_m);
+        let ground_m = match state.filter.ground_m {
+            Some(ground_m) => ground_m,
+            None => {
+                state.filter.find_ground(&past, height_m, sigma_m);
+                past.position_m.z + height_m
+            }
+        };
         if self.group(state, &mut verdict, &observe::range(&past, range.value, ground_m, sigma_m)) {
-            state.ranged_us = now_us;
-            state.aided.altitude_us = now_us;
+            (state.ranged_us, state.aided.altitude_us) = (now_us, now_us);
         } else if state.yields(state.ranged_us, now_us, RESET_US) {
-            // The ground has a step, if others know the altitude better.
-            state.filter.ground_m = Some(here_m);
+            // A step in the ground, as far as the others know the altitude.
+            state.filter.find_ground(&past, height_m, sigma_m);
             state.ranged_us = now_us;
         }
         state.record(Source::Range, range.time_us, Some(&verdict));
@@ -267,8 +271,10 @@ impl Estimator {
                 filter.covariance.reset(POSITION + axis, 0.25 * ROAMING_M * ROAMING_M);
             }
         }
-        if filter.covariance.variance(BARO_OFFSET) > ROAMING_M * ROAMING_M {
-            filter.covariance.reset(BARO_OFFSET, 0.25 * ROAMING_M * ROAMING_M);
+        for state in [BARO_OFFSET, GROUND] {
+            if filter.covariance.variance(state) > ROAMING_M * ROAMING_M {
+                filter.covariance.reset(state, 0.25 * ROAMING_M * ROAMING_M);
+            }
         }
     }
 }

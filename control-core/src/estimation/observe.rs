@@ -10,10 +10,10 @@
 //! | attitude            | `½ Σ r̂ × r` over body axes r is 0 | `θ`                                            |
 //! | heading, by field m | angle of `R m` is that of earth's | `θ_z − m_z (m_x θ_x + m_y θ_y) / m_h²`, m of the earth |
 //! | barometer           | `b_h − p_z`                       | the same                                       |
-//! | range r             | `p_z = ground − r R_33`           | `p_z + r (θ_x R_23 − θ_y R_13)`                |
-//! | flow, distance d    | `v_y = −d (f_x − ω_x)`, `v_x = d (f_y − ω_y)` | `r · v + (r × v) · θ + v' p_z / height` |
+//! | range r             | `p_z = ground − r R_33`           | `p_z − d_g + r (θ_x R_23 − θ_y R_13)`          |
+//! | flow, distance d    | `v_y = −d (f_x − ω_x)`, `v_x = d (f_y − ω_y)` | `r · v + (r × v) · θ + v' (p_z − d_g) / height` |
 //! | gravity             | `R f` has no horizontal part      | `θ × R f − R b_a`                              |
-use super::covariance::{ACCELEROMETER_BIAS, ATTITUDE, BARO_OFFSET, Observation, POSITION, VELOCITY};
+use super::covariance::{ACCELEROMETER_BIAS, ATTITUDE, BARO_OFFSET, GROUND, Observation, POSITION, VELOCITY};
 use super::history::Past;
 use crate::Scalar;
 use crate::frames::{Attitude, Ned, Vec3};
@@ -110,6 +110,7 @@ pub(crate) fn range(past: &Past, range_m: f32, ground_m: f32, sigma_m: f32) -> [
     let terms = [
         (POSITION + DOWN, 1.0),
         (VELOCITY + DOWN, -past.delay_s),
+        (GROUND, -1.0),
         (ATTITUDE, range_m * rows[1][2]),
         (ATTITUDE + 1, -range_m * rows[0][2]),
     ];
@@ -139,6 +140,7 @@ pub(crate) fn flow(past: &Past, flow: &Flow, height_m: f32, sigma_rad_s: f32) ->
             (ATTITUDE + 1, turned.y),
             (ATTITUDE + 2, turned.z),
             (POSITION + DOWN, measured_m_s[axis] / height_m),
+            (GROUND, -measured_m_s[axis] / height_m),
         ];
         Observation::new(off_m_s, sigma_m_s * sigma_m_s, terms)
     }))
