@@ -121,6 +121,8 @@ pub struct EstimatorState {
     fallen_s: f32,
     /// When the range last agreed with the ground, µs.
     ranged_us: u64,
+    /// Whether the last step fused a pose or a fix.
+    large_last: bool,
     /// Steps since dead reckoning was last held together.
     unaided_steps: u8,
     resets: u32,
@@ -185,6 +187,7 @@ impl Estimator {
             gap_s: 0.0,
             fallen_s: 0.0,
             ranged_us: 0,
+            large_last: false,
             unaided_steps: 0,
             resets: 0,
             fallbacks: 0,

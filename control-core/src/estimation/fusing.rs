@@ -8,7 +8,7 @@ use super::observe;
 use super::sources::{Source, SourceFault};
 use super::{Estimator, EstimatorState};
 use crate::frames::{Ned, Vec3};
-use crate::measurement::{Flow, Gnss, Stamped, Vision};
+use crate::measurement::{Flow, Gnss, Measurements, Stamped, Vision};
 
 /// Disagreement with the only source of a quantity after which the filter yields, µs.
 const RESET_US: u64 = 2_000_000;
@@ -64,26 +64,26 @@ impl Verdict {
 }
 
 impl Estimator {
-    /// Fuses everything that was let in since the last step of the covariance, which is at `now_us` of the inertial unit.
+    /// Fuses what was let in, with the step of the covariance at `now_us` of the inertial unit: one pose or fix, or all of the small ones.
+    ///
+    /// Each is compared with its own time, so that one that waits its turn loses nothing; the steps are many enough for all.
     pub(super) fn fuse_pending(&self, state: &mut EstimatorState, now_us: u64) {
-        let pending = core::mem::take(&mut state.pending);
-        if let Some(vision) = &pending.vision {
+        let Measurements { vision, gnss, baro_altitude_m, magnetic_ut, range_m, flow, .. } = state.pending;
+        let small = baro_altitude_m.is_some() || magnetic_ut.is_some() || range_m.is_some() || flow.is_some();
+        let large = vision.is_some() || gnss.is_some();
+        state.large_last = large && !(small && state.large_last);
+        if !state.large_last {
+            state.pending = Measurements { vision, gnss, ..Measurements::default() };
+            baro_altitude_m.inspect(|altitude| self.fuse_barometer(state, altitude, now_us));
+            range_m.inspect(|range| self.fuse_range(state, range, now_us));
+            flow.inspect(|flow| self.fuse_flow(state, flow, now_us));
+            magnetic_ut.inspect(|field| self.fuse_field(state, field, now_us));
+        } else if let Some(vision) = &vision {
+            state.pending.vision = None;
             self.fuse_vision(state, vision, now_us);
-        }
-        if let Some(gnss) = &pending.gnss {
+        } else if let Some(gnss) = &gnss {
+            state.pending.gnss = None;
             self.fuse_gnss(state, gnss, now_us);
-        }
-        if let Some(altitude) = &pending.baro_altitude_m {
-            self.fuse_barometer(state, altitude, now_us);
-        }
-        if let Some(range) = &pending.range_m {
-            self.fuse_range(state, range, now_us);
-        }
-        if let Some(flow) = &pending.flow {
-            self.fuse_flow(state, flow, now_us);
-        }
-        if let Some(field) = &pending.magnetic_ut {
-            self.fuse_field(state, field, now_us);
         }
         state.unaided_steps = (state.unaided_steps + 1) % UNAIDED_STEPS;
         if state.unaided_steps == 0 {
