@@ -18,6 +18,8 @@ use std::process::ExitCode;
 
 mod detect;
 mod limits;
+mod params;
+mod sensors;
 mod suite;
 
 /// Flies quadrotors that lose thrust, and compares the controllers that keep them up.
@@ -40,6 +42,10 @@ enum Command {
     Suite(suite::SuiteArgs),
     /// Print the largest loss of thrust, and the thrusts of a stuck rotor, that a hover survives, by linear program.
     Limits(limits::LimitsArgs),
+    /// Fly once, and print how wrong each sensor was beside the truth.
+    Sensors(sensors::SensorsArgs),
+    /// Print the parameters of the flight logic: names, ranges, values.
+    Params(params::ParamsArgs),
     /// Print the JSON Schema of a scenario.
     Schema,
 }
@@ -117,6 +123,8 @@ pub fn run() -> ExitCode {
         Command::Detect(args) => detect::detect(args),
         Command::Suite(args) => suite::suite(args),
         Command::Limits(args) => limits::limits(args),
+        Command::Sensors(args) => sensors::sensors(args),
+        Command::Params(args) => params::params(args),
         Command::Schema => schema(),
     };
     result.map_or_else(

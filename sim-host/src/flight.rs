@@ -6,11 +6,14 @@ use crate::plant::{Actuation, Truth};
 use crate::preflight;
 use crate::reference::Target;
 use crate::scenario::Scenario;
-use crate::sensors::Sensors;
+use crate::sensors::{Carrier, SensorSuite, Sensors, World};
+use crate::vehicle::Vehicle;
 use crate::wind::Gusts;
+use control_core::measurement::Measurements;
 use control_core::{Config, ConfigError, Controller, Input, Output, Q16, Scalar, Telemetry, WiringFault};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
+use std::collections::VecDeque;
 use std::fmt;
 
 /// The arithmetic the controller flies in.
@@ -51,6 +54,8 @@ pub struct Sample<'a> {
     pub truth: &'a Truth,
     /// What the controller sees.
     pub input: &'a Input,
+    /// What has arrived from the sensors, if the scenario names any.
+    pub measurements: &'a Measurements,
     /// What it answers.
     pub output: &'a Output,
     /// What its answer asks of the body: u1 in N, u2 to u4 in N m.
@@ -191,12 +196,20 @@ pub(crate) enum Stream {
     Torque = 4,
     Campaign = 5,
     Preflight = 6,
+    Sensor = 7,
+    SensorFault = 8,
 }
 
 pub(crate) fn random(seed: u64, stream: Stream) -> Pcg64 {
+    random_of(seed, stream, 0)
+}
+
+/// The same for one of many of a kind.
+pub(crate) fn random_of(seed: u64, stream: Stream, index: u8) -> Pcg64 {
     let mut bytes = [0; 32];
     bytes[..8].copy_from_slice(&seed.to_le_bytes());
     bytes[8] = stream as u8;
+    bytes[9] = index;
     // `from_seed` takes the bytes as they are; one round of splitting spreads neighbouring seeds.
     Pcg64::from_rng(&mut Pcg64::from_seed(bytes))
 }
@@ -236,11 +249,14 @@ impl Flight<'_> {
         let ground = Ground { altitude_m: scenario.ground_altitude_m };
         let mut plant = scenario.plant.hovering(&vehicle, ground, scenario.reference.start_altitude_m());
         let mut sensors = Sensors::new(scenario.noise, random(self.seed, Stream::Noise));
+        let mut suite = self.suite(&vehicle, ground);
         let torques = random(self.seed, Stream::Torque);
         let mut gusts = Gusts::new(scenario.wind, random(self.seed, Stream::Wind), torques);
         let dt_s = 1.0 / scenario.control_hz();
         let mut actuators = Actuators::new(&vehicle, &scenario.fault, dt_s, random(self.seed, Stream::Fault));
         let mut actuation = Actuation { drives: actuators.hovering(), gust: gusts.step(dt_s) };
+        let late = (scenario.oracle_delay_s * scenario.control_hz()).round() as usize;
+        let mut news = VecDeque::from(vec![[1.0; 4]; late]);
         let ticks = (scenario.duration_s * scenario.control_hz()).round() as usize;
         for tick in 0..ticks {
             let t_s = tick as f64 * dt_s;
@@ -250,9 +266,15 @@ impl Flight<'_> {
                 drive.share = share;
             }
             let truth = plant.truth(&actuation);
+            let measurements = suite.as_mut().map_or_else(Measurements::default, |suite| {
+                let (vibration, rotor_n) = (actuators.vibration(), &plant.rotor_n(&actuation));
+                suite.sample(&World { t_s, truth: &truth, vibration, rotor_n, gust: &actuation.gust })
+            });
             let input = sensors.sample(&truth, actuators.vibration(), &target, dt_s);
             let told = actuators.told();
-            let shares = if self.controller == ControllerName::Oracle { told.truth.map(Some) } else { told.reported };
+            news.push_back(told.truth);
+            let known = news.pop_front().unwrap_or(told.truth);
+            let shares = if self.controller == ControllerName::Oracle { known.map(Some) } else { told.reported };
             controller.report(&mut state, shares.map(|share| share.map(S::from_f32)));
             let output = controller.tick(&mut state, &input.cast()).to_f32();
             let telemetry = controller.telemetry(&state).to_f32();
@@ -265,6 +287,7 @@ impl Flight<'_> {
                 target: &target,
                 truth: &truth,
                 input: &input,
+                measurements: &measurements,
                 output: &output,
                 telemetry: &telemetry,
                 effectiveness: &effectiveness,
@@ -278,6 +301,14 @@ impl Flight<'_> {
             actuation.gust = gusts.step(dt_s);
         }
         Ok(None)
+    }
+
+    /// The sensors, if the scenario names any.
+    fn suite(&self, vehicle: &Vehicle, ground: Ground) -> Option<SensorSuite> {
+        let Self { scenario, seed, .. } = *self;
+        let (control_hz, ground_altitude_m) = (scenario.control_hz(), ground.altitude_m);
+        let carrier = Carrier { vehicle, ground_altitude_m, control_hz, seed };
+        Some(SensorSuite::new(scenario.sensors.as_ref()?, &scenario.sensor_fault, &carrier))
     }
 
     /// Whether this is the end of the flight.
