@@ -15,6 +15,9 @@ use crate::measurement::Imu;
 /// Largest biases that are believed: beyond any part that is not broken.
 const GYRO_BIAS_RAD_S_MAX: f32 = 0.2;
 const ACCELEROMETER_BIAS_M_S2_MAX: f32 = 1.5;
+/// How well the difference of two inertial units is known, rad/s and m/s².
+const TRADE_RAD_S: f32 = 0.002;
+const TRADE_M_S2: f32 = 0.05;
 /// Standard deviation of a state that nothing is known of: velocity, m/s, and position, m.
 pub(crate) const UNKNOWN_M_S: f32 = 3.0;
 pub(crate) const UNKNOWN_M: f32 = 100.0;
@@ -249,6 +252,17 @@ impl Filter {
             self.turn(Vec3::new(0.0, 0.0, by_rad / 3.0));
         }
         self.covariance.reset(ATTITUDE + 2, sigma_rad * sigma_rad);
+    }
+
+    /// Goes on with another inertial unit, which reads above the last by `rate_rad_s` and `force_m_s2`.
+    pub(crate) fn trade_biases(&mut self, rate_rad_s: Vec3<Body>, force_m_s2: Vec3<Body>) {
+        let nominal = &mut self.nominal;
+        nominal.gyro_bias_rad_s = nominal.gyro_bias_rad_s + rate_rad_s;
+        nominal.accelerometer_bias_m_s2 = nominal.accelerometer_bias_m_s2 + force_m_s2;
+        let mut unsure = [0.0; STATES];
+        unsure[GYRO_BIAS..GYRO_BIAS + 3].fill(TRADE_RAD_S * TRADE_RAD_S);
+        unsure[ACCELEROMETER_BIAS..ACCELEROMETER_BIAS + 3].fill(TRADE_M_S2 * TRADE_M_S2);
+        self.covariance.add_noise(&unsure);
     }
 
     /// Whether it may be believed at all.

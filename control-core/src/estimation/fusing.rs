@@ -68,13 +68,17 @@ impl Estimator {
     ///
     /// Each is compared with its own time, so that one that waits its turn loses nothing; the steps are many enough for all.
     pub(super) fn fuse_pending(&self, state: &mut EstimatorState, now_us: u64) {
-        let Measurements { vision, gnss, baro_altitude_m, magnetic_ut, range_m, flow, .. } = state.pending;
-        let small = baro_altitude_m.is_some() || magnetic_ut.is_some() || range_m.is_some() || flow.is_some();
+        let Measurements { vision, gnss, baro_altitude_m, baro_second_altitude_m, magnetic_ut, range_m, flow, .. } =
+            state.pending;
+        let baro = baro_altitude_m.is_some() || baro_second_altitude_m.is_some();
+        let small = baro || magnetic_ut.is_some() || range_m.is_some() || flow.is_some();
         let large = vision.is_some() || gnss.is_some();
         state.large_last = large && !(small && state.large_last);
         if !state.large_last {
             state.pending = Measurements { vision, gnss, ..Measurements::default() };
-            baro_altitude_m.inspect(|altitude| self.fuse_barometer(state, altitude, now_us));
+            baro_altitude_m.inspect(|altitude| self.fuse_barometer(state, Source::Barometer, altitude, now_us));
+            baro_second_altitude_m
+                .inspect(|altitude| self.fuse_barometer(state, Source::BarometerSecond, altitude, now_us));
             range_m.inspect(|range| self.fuse_range(state, range, now_us));
             flow.inspect(|flow| self.fuse_flow(state, flow, now_us));
             magnetic_ut.inspect(|field| self.fuse_field(state, field, now_us));
@@ -164,18 +168,18 @@ impl Estimator {
         placed
     }
 
-    fn fuse_barometer(&self, state: &mut EstimatorState, altitude: &Stamped<f32>, now_us: u64) {
+    fn fuse_barometer(&self, state: &mut EstimatorState, source: Source, altitude: &Stamped<f32>, now_us: u64) {
         let Some(past) = state.past(altitude.time_us, now_us) else {
-            return state.record(Source::Barometer, altitude.time_us, None);
+            return state.record(source, altitude.time_us, None);
         };
         let (sigma_m, mut verdict) = (self.config.aiding.barometer_m, Verdict::NONE);
-        if !state.barometer_heard {
-            state.barometer_heard = true;
-            if state.levelled {
+        if state.barometer_heard != Some(source) {
+            if state.levelled || state.barometer_heard.is_some() {
                 state.filter.tare_barometer(&past, altitude.value, sigma_m);
             } else {
                 state.filter.level_by_barometer(&past, altitude.value, sigma_m);
             }
+            state.barometer_heard = Some(source);
         }
         let offset_m = state.filter.barometer_offset_m;
         if self.group(state, &mut verdict, &observe::barometer(&past, altitude.value, offset_m, sigma_m)) {
@@ -184,7 +188,7 @@ impl Estimator {
             state.filter.level_by_barometer(&past, altitude.value, sigma_m);
             state.aided.altitude_us = now_us;
         }
-        state.record(Source::Barometer, altitude.time_us, Some(&verdict));
+        state.record(source, altitude.time_us, Some(&verdict));
     }
 
     fn fuse_range(&self, state: &mut EstimatorState, range: &Stamped<f32>, now_us: u64) {
