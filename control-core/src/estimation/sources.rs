@@ -19,10 +19,14 @@ use core::fmt;
 pub enum Source {
     /// Gyroscope and accelerometer.
     Inertial,
+    /// The second ones, which stand in for the first.
+    InertialSecond,
     /// Satellite receiver.
     Gnss,
     /// Barometer.
     Barometer,
+    /// The second one, which stands in for the first.
+    BarometerSecond,
     /// Magnetometer.
     Magnetometer,
     /// Distance to the ground.
@@ -34,19 +38,28 @@ pub enum Source {
 }
 
 /// Number of sources.
-pub const SOURCES: usize = 7;
+pub const SOURCES: usize = 9;
 
 impl Source {
     /// Every source, in the order of [`super::EstimatorTelemetry::sources`].
-    pub const ALL: [Self; SOURCES] =
-        [Self::Inertial, Self::Gnss, Self::Barometer, Self::Magnetometer, Self::Range, Self::Flow, Self::Vision];
+    pub const ALL: [Self; SOURCES] = [
+        Self::Inertial,
+        Self::InertialSecond,
+        Self::Gnss,
+        Self::Barometer,
+        Self::BarometerSecond,
+        Self::Magnetometer,
+        Self::Range,
+        Self::Flow,
+        Self::Vision,
+    ];
 
     /// Silence that is a fault, µs: ten samples of a slow part of the kind.
     pub const fn silence_us_max(self) -> u64 {
         match self {
-            Self::Inertial => 20_000,
+            Self::Inertial | Self::InertialSecond => 20_000,
             Self::Gnss => 1_000_000,
-            Self::Barometer | Self::Magnetometer | Self::Range => 500_000,
+            Self::Barometer | Self::BarometerSecond | Self::Magnetometer | Self::Range => 500_000,
             Self::Flow | Self::Vision => 200_000,
         }
     }
