@@ -91,6 +91,7 @@ impl<S: Scalar> Coupling<S> {
 }
 
 /// What is wrong, before anything is done about it.
+#[derive(Clone, Copy)]
 struct Errors<S> {
     position_m: Vec3<Ned, S>,
     velocity_m_s: Vec3<Ned, S>,

@@ -33,6 +33,7 @@ pub mod autopilot;
 mod config;
 mod controller;
 pub mod estimate;
+pub mod estimation;
 pub mod failsafe;
 pub mod fault;
 mod filter;

@@ -7,7 +7,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::OnceLock;
 
+pub mod bench;
 pub mod garbage;
+pub mod motion;
 pub mod rig;
 pub mod symbols;
 
