@@ -21,8 +21,10 @@ use crate::{Airframe, Lift, Scalar, Target};
 const LEASH_M: (f32, f32) = (3.0, 1.0);
 /// Vertical acceleration, m/s².
 const VERTICAL_M_S2: f32 = 2.0;
-/// Heading the setpoint may lead by, rad.
-const YAW_LEASH_RAD: f32 = 0.5;
+/// Heading the setpoint may lead by, rad: less than what the yaw guard takes for a loss of control.
+const YAW_LEASH_RAD: f32 = 0.25;
+/// Share of the yaw torque of a hover that the setpoint of the heading asks for.
+const YAW_SHARE: f32 = 0.5;
 /// Distance within which the machine has arrived, and its setpoint, m.
 const ARRIVED_M: f32 = 0.3;
 const SETTLED_M: f32 = 0.1;
@@ -37,6 +39,7 @@ pub struct Limits {
     tilt_rad: f32,
     rate_rad_s: f32,
     yaw_rad_s: f32,
+    yaw_rad_s2: f32,
     speed_m_s: f32,
     acceleration_m_s2: f32,
     climb_m_s: f32,
@@ -65,6 +68,7 @@ impl Limits {
             tilt_rad: parameters.rad(Parameter::ManualTilt),
             rate_rad_s: parameters.rad(Parameter::ManualRate),
             yaw_rad_s: parameters.rad(Parameter::ManualYaw),
+            yaw_rad_s2: YAW_SHARE * airframe.torque_per_thrust_m * airframe.weight_n() / airframe.inertia_kg_m2[2],
             speed_m_s: p(Parameter::SpeedMax),
             acceleration_m_s2: p(Parameter::AccelerationMax),
             climb_m_s: p(Parameter::ClimbMax),
@@ -277,16 +281,20 @@ impl Guide {
         self.travel(wanted_m_s, limits.acceleration_m_s2, scene);
         let wanted_m_s = self.by_stick(limits, scene.pilot.climb);
         self.climb(wanted_m_s, scene);
-        self.turn(sticks.clockwise * limits.yaw_rad_s, scene);
+        self.turn(sticks.clockwise * limits.yaw_rad_s, limits.yaw_rad_s2, scene);
     }
 
     /// Turns the heading's setpoint, no further ahead of the nose than its leash.
-    fn turn(&mut self, wanted_rad_s: f32, scene: &Scene) {
-        let lead = wrap_pi(self.setpoint.yaw_rad - scene.yaw_rad());
-        let taut = lead * wanted_rad_s > 0.0 && lead.abs() > YAW_LEASH_RAD;
-        let rate = if taut { 0.0 } else { wanted_rad_s };
-        self.setpoint.yaw_rate_rad_s = rate;
-        self.setpoint.yaw_rad = wrap_pi(self.setpoint.yaw_rad + rate * scene.dt_s);
+    fn turn(&mut self, wanted_rad_s: f32, acceleration_rad_s2: f32, scene: &Scene) {
+        let Setpoint { yaw_rad, yaw_rate_rad_s, .. } = &mut self.setpoint;
+        let most = acceleration_rad_s2 * scene.dt_s;
+        *yaw_rate_rad_s += (wanted_rad_s - *yaw_rate_rad_s).clamp_abs(most);
+        // A machine that something else turns comes back to the setpoint: only the stick is on a leash.
+        if *yaw_rate_rad_s != 0.0 {
+            let nose_rad = scene.yaw_rad();
+            let lead = wrap_pi(*yaw_rad + *yaw_rate_rad_s * scene.dt_s - nose_rad);
+            *yaw_rad = wrap_pi(nose_rad + lead.clamp_abs(YAW_LEASH_RAD));
+        }
     }
 
     fn take_off(&mut self, limits: &Limits, scene: &Scene) -> Target {
