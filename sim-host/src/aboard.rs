@@ -6,11 +6,20 @@ use crate::fault::sensors::SensorFault;
 use crate::sensors::{Carrier, SensorKeys, SensorSuite, World};
 use control_core::estimate::Estimate;
 use control_core::estimation::{
-    Estimator, EstimatorConfig, EstimatorConfigError, EstimatorState, EstimatorTelemetry, GyroConfig,
+    Estimator, EstimatorConfig, EstimatorConfigError, EstimatorState, EstimatorTelemetry, GyroConfig, STATES,
 };
 use control_core::frames::{Ned, Vec3};
 use control_core::measurement::Measurements;
 use control_core::{Input, Setpoint};
+use nalgebra::Vector3;
+
+mod account;
+mod apart;
+mod consistency;
+
+pub use account::{Account, Lost, QUANTITIES, Quantity, Verdict};
+pub use apart::Apart;
+pub use consistency::{Consistency, band, consistency};
 
 /// How long the machine is held before a flight, s: the estimator finds rest, then the biases settle.
 pub const HELD_S: f64 = 6.0;
@@ -115,6 +124,16 @@ impl Aboard {
     /// How the estimator and its sources are, at `t_s` of the flight.
     pub fn telemetry(&self, t_s: f64) -> EstimatorTelemetry {
         self.estimator.telemetry(&self.state, self.clock_us(t_s))
+    }
+
+    /// Covariance of the estimate's errors, in the order of [`EstimatorState::covariance`].
+    pub fn covariance(&self) -> &[[f32; STATES]; STATES] {
+        self.state.covariance()
+    }
+
+    /// What the estimator should find as biases of the first inertial unit: see [`SensorSuite::inertial_errors`].
+    pub fn true_biases(&self) -> Option<[Vector3<f64>; 2]> {
+        self.suite.inertial_errors()
     }
 
     /// The controller's sample made of the estimate.

@@ -17,6 +17,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 mod detect;
+mod estimate;
 mod limits;
 mod params;
 mod sensors;
@@ -44,6 +45,8 @@ enum Command {
     Limits(limits::LimitsArgs),
     /// Fly once, and print how wrong each sensor was beside the truth.
     Sensors(sensors::SensorsArgs),
+    /// Fly on the sensors, and print how wrong the estimate was beside the truth, and whether it knew.
+    Estimate(estimate::EstimateArgs),
     /// Print the parameters of the flight logic: names, ranges, values.
     Params(params::ParamsArgs),
     /// Print the JSON Schema of a scenario.
@@ -136,6 +139,7 @@ pub fn run() -> ExitCode {
         Command::Suite(args) => suite::suite(args),
         Command::Limits(args) => limits::limits(args),
         Command::Sensors(args) => sensors::sensors(args),
+        Command::Estimate(args) => estimate::estimate(args),
         Command::Params(args) => params::params(args),
         Command::Schema => schema(),
     };

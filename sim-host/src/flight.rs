@@ -62,6 +62,8 @@ pub struct Sample<'a> {
     pub clock_s: f64,
     /// What is believed of the motion, if the scenario names sensors.
     pub estimate: Option<&'a Estimate>,
+    /// What made it.
+    pub aboard: Option<&'a Aboard>,
     /// What it answers.
     pub output: &'a Output,
     /// What its answer asks of the body: u1 in N, u2 to u4 in N m.
@@ -301,6 +303,7 @@ impl Flight<'_> {
                 measurements: aboard.as_ref().map_or(&nothing, Aboard::measurements),
                 clock_s: aboard.as_ref().map_or(t_s, |aboard| aboard.clock_us(t_s) as f64 * 1e-6),
                 estimate: aboard.as_ref().map(Aboard::estimate),
+                aboard: aboard.as_ref(),
                 output: &output,
                 telemetry: &telemetry,
                 effectiveness: &effectiveness,

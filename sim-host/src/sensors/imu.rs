@@ -104,6 +104,8 @@ struct Half {
     bias: Vector3<f64>,
     /// Scale error and misalignment.
     skew: Matrix3<f64>,
+    /// What bias, scale and misalignment made of the last tick.
+    steady: Vector3<f64>,
     noise: f64,
     low_pass: Option<LowPass>,
     sum: Vector3<f64>,
@@ -120,6 +122,7 @@ impl Half {
             broken: Broken::new(faults, sensor, index, seed),
             bias: chance.normals() * (bias * noise),
             skew: Matrix3::from_fn(|_, _| skew * noise * chance.normal()),
+            steady: Vector3::zeros(),
             low_pass: LowPass::new(unit.corner_hz, control_hz),
             sum: Vector3::zeros(),
             sheet,
@@ -132,6 +135,7 @@ impl Half {
     fn step(&mut self, truth: Vector3<f64>, vibration: Vector3<f64>, dt_s: f64) {
         self.bias += self.chance.normals() * (self.sheet.walk * self.noise * libm::sqrt(dt_s));
         let white = self.chance.normals() * (self.sheet.density * self.noise * libm::sqrt(0.5 / dt_s));
+        self.steady = self.skew * truth + self.bias;
         let signal = truth + self.skew * truth + self.bias + vibration + white;
         self.sum += match &mut self.low_pass {
             Some(low_pass) => low_pass.step(signal),
@@ -201,6 +205,11 @@ impl ImuModel {
             self.line.send(world.t_s, (!(gyro_lost | accelerometer_lost)).then_some(sample), &mut self.gyro.chance);
         }
         self.line.receive(world.t_s)
+    }
+
+    /// What it reads beyond the truth but for noise, vibration and faults: gyro, then accelerometer.
+    pub(super) fn steady_errors(&self) -> [Vector3<f64>; 2] {
+        [self.gyro.steady, self.accelerometer.steady]
     }
 
     /// Mean specific force and rates since the last tick, body axes.

@@ -13,6 +13,7 @@ use crate::fault::sensors::SensorFault;
 use crate::flight::{Stream, random_of};
 use crate::vehicle::Vehicle;
 use control_core::measurement::Measurements;
+use nalgebra::Vector3;
 
 /// Stream of what all sensors of the machine have in common, apart from those of the sensors.
 const COMMON: u8 = u8::MAX;
@@ -79,6 +80,12 @@ impl SensorSuite {
             vehicle: vehicle.clone(),
             ground_altitude_m,
         }
+    }
+
+    /// What the first inertial unit reads beyond the truth but for noise, vibration and faults, body axes: of the gyro, rad/s, and
+    /// of the accelerometer, m/s². An estimator may call it bias.
+    pub fn inertial_errors(&self) -> Option<[Vector3<f64>; 2]> {
+        self.imus[0].as_ref().map(ImuModel::steady_errors)
     }
 
     /// What has arrived by this tick; to be called once each tick, in order.
