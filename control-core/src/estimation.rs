@@ -154,6 +154,8 @@ pub struct Estimator {
     /// Its part down over its horizontal part.
     steep: f32,
     earth_ut: f32,
+    /// What iron may turn the heading by.
+    iron_rad: f32,
 }
 
 impl Estimator {
@@ -171,6 +173,7 @@ impl Estimator {
             earth: [field.x / horizontal, field.y / horizontal],
             steep: field.z / horizontal,
             earth_ut: Scalar::sqrt(field.norm_squared()),
+            iron_rad: config.aiding.magnetic_bias_ut / horizontal,
         })
     }
 

@@ -1,8 +1,8 @@
 //! The first attitude: down by the accelerometer at rest, north by external vision or the magnetic field.
 //!
-//! A window of [`WINDOW_S`] counts as rest if no sample of it turns faster than [`STILL_RAD_S`] or weighs other than gravity by more than
-//! [`STILL_M_S2`]. Its mean rate is the gyro's bias, its mean force points up. Who waits longer than [`PATIENCE_S`] is not at rest: the machine was
-//! switched on, or its board started again, in the air; then the last window's force has to do.
+//! A window of [`WINDOW_S`] is rest if no rate in it exceeds the bias of a part, no force differs from gravity by more than one, and neither
+//! wanders by more than noise: a hover in the air does. Its mean rate then is the gyro's bias, its mean force points up. Who waits longer than
+//! [`PATIENCE_S`] is not at rest: the machine was switched on, or its board started again, in the air; then the last window's force has to do.
 use super::quaternion::{Quaternion, to_body};
 use crate::frames::{Attitude, Body, Ned, Vec3};
 use crate::measurement::Imu;
@@ -17,6 +17,32 @@ const STILL_RAD_S: f32 = 0.15;
 /// What the specific force at rest may differ from gravity, m/s².
 const STILL_M_S2: f32 = 1.0;
 
+/// What rate and force may wander at rest, from the least to the most on any axis, rad/s and m/s².
+const WANDER_RAD_S: f32 = 0.05;
+const WANDER_M_S2: f32 = 0.5;
+
+/// The box that holds the samples of a vector.
+#[derive(Clone, Copy, Debug)]
+struct Extent {
+    low: Vec3<Body>,
+    high: Vec3<Body>,
+}
+
+impl Extent {
+    const EMPTY: Self =
+        Self { low: Vec3::new(f32::MAX, f32::MAX, f32::MAX), high: Vec3::new(f32::MIN, f32::MIN, f32::MIN) };
+
+    fn add(&mut self, v: Vec3<Body>) {
+        self.low = Vec3::new(self.low.x.min(v.x), self.low.y.min(v.y), self.low.z.min(v.z));
+        self.high = Vec3::new(self.high.x.max(v.x), self.high.y.max(v.y), self.high.z.max(v.z));
+    }
+
+    fn is_within(&self, size: f32) -> bool {
+        let across = self.high - self.low;
+        across.x.max(across.y).max(across.z) <= size
+    }
+}
+
 /// Samples of a window, summed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Alignment {
@@ -26,6 +52,8 @@ pub(crate) struct Alignment {
     window_s: f32,
     waited_s: f32,
     still: bool,
+    rates: Extent,
+    forces: Extent,
 }
 
 /// What a window says.
@@ -50,6 +78,8 @@ impl Alignment {
         window_s: 0.0,
         waited_s: 0.0,
         still: true,
+        rates: Extent::EMPTY,
+        forces: Extent::EMPTY,
     };
 
     /// Adds a sample; returns what the window says when it is full.
@@ -57,6 +87,8 @@ impl Alignment {
         let weight = Scalar::sqrt(imu.specific_force_m_s2.norm_squared());
         self.still &=
             imu.rate_rad_s.norm_squared() < STILL_RAD_S * STILL_RAD_S && (weight - GRAVITY_M_S2).abs() < STILL_M_S2;
+        self.rates.add(imu.rate_rad_s);
+        self.forces.add(imu.specific_force_m_s2);
         self.rate_rad_s = self.rate_rad_s + imu.rate_rad_s;
         self.force_m_s2 = self.force_m_s2 + imu.specific_force_m_s2;
         self.samples += 1.0;
@@ -69,7 +101,7 @@ impl Alignment {
         let rest = Rest {
             rate_rad_s: self.rate_rad_s * share,
             force_m_s2: self.force_m_s2 * share,
-            still: self.still,
+            still: self.still && self.rates.is_within(WANDER_RAD_S) && self.forces.is_within(WANDER_M_S2),
             impatient: self.waited_s >= PATIENCE_S,
         };
         *self = Self { waited_s: self.waited_s, ..Self::NEW };
@@ -137,6 +169,8 @@ mod tests {
             ("at rest", imu(0.01, 9.8), true),
             ("a turn within", imu(0.3, 9.8), false),
             ("a push within", imu(0.01, 12.0), false),
+            ("a turn no larger than a bias, that comes and goes", imu(0.1, 9.8), false),
+            ("a sway of a hover", imu(0.01, 9.2), false),
         ] {
             let mut alignment = Alignment::NEW;
             let window = (0..260).find_map(|i| alignment.add(&if i == 100 { odd } else { imu(0.01, 9.8) }, 0.002));

@@ -5,7 +5,7 @@
 //! | has a value that is not a number                 | [`SourceFault::NotFinite`]      |
 //! | has a value that the part cannot measure         | [`SourceFault::OutOfRange`]     |
 //! | is not newer than the one before                 | [`SourceFault::Backwards`]      |
-//! | is newer than now                                | [`SourceFault::FromTheFuture`]  |
+//! | is newer than now by more than a millisecond     | [`SourceFault::FromTheFuture`]  |
 //! | is older than the path that is kept              | [`SourceFault::TooLate`]        |
 //! | has the bits of the ones before, too often       | [`SourceFault::Stuck`]          |
 //! | is too far from what the others say              | [`SourceFault::Disagrees`]      |
@@ -13,6 +13,9 @@
 //! A source that says nothing for longer than its [`Source::silence_us_max`] is [`SourceFault::Silent`].
 use super::history::DELAY_US_MAX;
 use core::fmt;
+
+/// How far clocks may be apart: a time stamp may be after now by this much, µs.
+const FUTURE_US: u64 = 1_000;
 
 /// What measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -177,7 +180,7 @@ impl Watch {
     }
 
     fn fault_of(&mut self, source: Source, look: &Look, now_us: u64) -> Option<SourceFault> {
-        if look.time_us > now_us {
+        if look.time_us > now_us.saturating_add(FUTURE_US) {
             return Some(SourceFault::FromTheFuture);
         }
         if look.time_us <= self.last_us {
@@ -196,7 +199,7 @@ impl Watch {
         if self.repeats >= source.repeats_max() {
             return Some(SourceFault::Stuck);
         }
-        (now_us - look.time_us > DELAY_US_MAX).then_some(SourceFault::TooLate)
+        (now_us.saturating_sub(look.time_us) > DELAY_US_MAX).then_some(SourceFault::TooLate)
     }
 
     /// Counts a sample that was not taken in.
@@ -242,7 +245,8 @@ mod tests {
             ("infinite", NOW_US, f32::INFINITY, true, Some(SourceFault::NotFinite)),
             ("out of range", NOW_US, 1.0, false, Some(SourceFault::OutOfRange)),
             ("as old as the last", NOW_US - 600_000, 1.0, true, Some(SourceFault::Backwards)),
-            ("from the future", NOW_US + 1, 1.0, true, Some(SourceFault::FromTheFuture)),
+            ("as far ahead as clocks may be apart", NOW_US + FUTURE_US, 1.0, true, None),
+            ("from the future", NOW_US + FUTURE_US + 1, 1.0, true, Some(SourceFault::FromTheFuture)),
             ("too late", NOW_US - DELAY_US_MAX - 1, 1.0, true, Some(SourceFault::TooLate)),
         ] {
             let mut watch = Watch { last_us: NOW_US - 600_000, ..Watch::UNHEARD };
