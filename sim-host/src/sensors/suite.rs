@@ -82,8 +82,8 @@ impl SensorSuite {
         }
     }
 
-    /// What the first inertial unit reads beyond the truth but for noise, vibration and faults, body axes: of the gyro, rad/s, and
-    /// of the accelerometer, m/s². An estimator may call it bias.
+    /// What the first inertial unit reads beyond the truth for a second and longer, vibration and faults apart, body axes: of the
+    /// gyro, rad/s, and of the accelerometer, m/s². Bias, and what errors of scale make of a steady motion.
     pub fn inertial_errors(&self) -> Option<[Vector3<f64>; 2]> {
         self.imus[0].as_ref().map(ImuModel::steady_errors)
     }
