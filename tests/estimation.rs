@@ -87,11 +87,12 @@ fn the_covariance_stays_positive_definite_over_random_flights() {
 
 /// Root mean square of position error over ten flights.
 fn position_rms_m(aboard: Aboard, late: bool) -> f64 {
-    let estimator = flight();
+    let config = honest();
+    let estimator = Estimator::try_new(&config).expect("a configuration that flies");
     let runs: Vec<(f64, f64)> = (0..10_u64)
         .into_par_iter()
         .map(|seed| {
-            let mut world = World::new(Motion::flight(&mut Noise::new(seed)), aboard, &EstimatorConfig::FLIGHT, seed);
+            let mut world = World::new(Motion::flight(&mut Noise::new(seed)), aboard, &config, seed);
             world.stamped_late = late;
             let (mut sum, mut count) = (0.0, 0.0);
             fly(&estimator, &mut world, 40.0, |t_s, world, state, estimate| {
@@ -118,11 +119,12 @@ fn a_measurement_fused_at_its_own_time_beats_one_fused_late() {
 
 #[test]
 fn attitude_on_satellites_barometer_and_magnetometer_is_right_to_half_a_degree() {
-    let estimator = flight();
+    let config = honest();
+    let estimator = Estimator::try_new(&config).expect("a configuration that flies");
     let runs: Vec<(f64, f64)> = (0..10_u64)
         .into_par_iter()
         .map(|seed| {
-            let mut world = World::new(Motion::flight(&mut Noise::new(seed)), GNSS, &EstimatorConfig::FLIGHT, seed);
+            let mut world = World::new(Motion::flight(&mut Noise::new(seed)), GNSS, &config, seed);
             let (mut sum, mut count) = (0.0, 0.0);
             fly(&estimator, &mut world, 90.0, |t_s, world, state, estimate| {
                 if t_s > 30.0 {

@@ -195,7 +195,6 @@ fn a_faulty_source_is_named_and_the_others_carry_on() {
         let mut world = World::new(Motion::flight(&mut Noise::new(8)), ALL, &EstimatorConfig::FLIGHT, 8);
         // Vision would hide what the others do.
         world.aboard.vision = source == Source::Vision;
-        world.aboard.gnss = source != Source::Flow && source != Source::Range;
         let (mut state, mut worst) = (estimator.state(), 0.0_f64);
         for tick in 0..12_500_u32 {
             let mut measurements = world.step();

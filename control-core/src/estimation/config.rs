@@ -109,7 +109,7 @@ impl EstimatorConfig {
             barometer_m: 0.3,
             barometer_walk_m_rt_s: 0.02,
             magnetic_ut: 1.0,
-            magnetic_bias_ut: 0.6,
+            magnetic_bias_ut: 0.4,
             range_m: 0.03,
             ground_walk_m_rt_s: 0.02,
             flow_rad_s: 0.05,

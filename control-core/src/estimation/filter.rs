@@ -205,8 +205,14 @@ impl Filter {
         let mut jump = measured_m - past.position_m;
         jump.z = 0.0;
         self.shift(Vec3::zero(), jump);
-        self.covariance.reset(POSITION, sigma_m * sigma_m);
-        self.covariance.reset(POSITION + 1, sigma_m * sigma_m);
+        self.forget_position(0, past, sigma_m);
+        self.forget_position(1, past, sigma_m);
+    }
+
+    /// Makes the position along an axis what a measurement says of it: known then, and since then as well as the velocity.
+    fn forget_position(&mut self, axis: usize, past: &Past, sigma_m: f32) {
+        self.covariance.reset(POSITION + axis, sigma_m * sigma_m);
+        self.covariance.add_multiple(VELOCITY + axis, POSITION + axis, past.delay_s);
     }
 
     /// Takes the altitude from a measurement that is absolute; the barometer's offset and the ground move with it.
@@ -222,7 +228,7 @@ impl Filter {
         self.barometer_offset_m += jump_m;
         self.ground_m = self.ground_m.map(|ground_m| ground_m + jump_m);
         let (barometer_m, range_m) = (config.aiding.barometer_m, config.aiding.range_m);
-        self.covariance.reset(DOWN, sigma_m * sigma_m);
+        self.forget_position(2, past, sigma_m);
         self.covariance.copy(DOWN, BARO_OFFSET, barometer_m * barometer_m);
         self.covariance.copy(DOWN, GROUND, range_m * range_m);
     }
@@ -238,6 +244,7 @@ impl Filter {
         let jump_m = self.barometer_offset_m - altitude_m - past.position_m.z;
         self.shift(Vec3::zero(), Vec3::new(0.0, 0.0, jump_m));
         self.covariance.copy(BARO_OFFSET, DOWN, sigma_m * sigma_m);
+        self.covariance.add_multiple(VELOCITY + 2, DOWN, past.delay_s);
     }
 
     /// Takes the ground from a range of `height_m` above it, of standard deviation `sigma_m`.

@@ -135,6 +135,8 @@ pub struct SourceStatus {
 pub(crate) struct Watch {
     /// Time of the last sample that had a credible time, µs.
     last_us: u64,
+    /// When a sample of any kind last came, µs.
+    heard_us: u64,
     fingerprint: u32,
     repeats: u16,
     pub(crate) status: SourceStatus,
@@ -162,6 +164,7 @@ impl Watch {
     /// Nothing heard yet.
     pub(crate) const UNHEARD: Self = Self {
         last_us: 0,
+        heard_us: 0,
         fingerprint: 0,
         repeats: 0,
         status: SourceStatus { ratio: 0.0, taken_us: 0, taken: 0, refused: 0, refused_in_a_row: 0, fault: None },
@@ -169,6 +172,7 @@ impl Watch {
 
     /// Whether a sample may be looked at further; else it is counted and named.
     pub(crate) fn admits(&mut self, source: Source, look: &Look, now_us: u64) -> bool {
+        self.heard_us = now_us;
         let fault = self.fault_of(source, look, now_us);
         match fault {
             None => true,
@@ -224,7 +228,7 @@ impl Watch {
 
     /// Its status at `now_us`; a source that never spoke has no fault.
     pub(crate) fn status_at(&self, source: Source, now_us: u64) -> SourceStatus {
-        let silent = self.last_us > 0 && now_us.saturating_sub(self.last_us) > source.silence_us_max();
+        let silent = self.heard_us > 0 && now_us.saturating_sub(self.heard_us) > source.silence_us_max();
         let fault = if silent { Some(SourceFault::Silent) } else { self.status.fault };
         SourceStatus { fault, ..self.status }
     }
