@@ -1,7 +1,7 @@
 //! What is aboard: the sensors of a scenario and the estimator that makes a motion of them.
 //!
 //! A flight begins in a hover, and an estimator at rest: for [`HELD_S`] before the flight the machine is held where it will begin,
-//! its rotors turning, while the sensors are read. The board's clock began then.
+//! its rotors still for [`STILL_S`] and then turning, while the sensors are read. The board's clock began then.
 use crate::fault::sensors::SensorFault;
 use crate::sensors::{Carrier, SensorKeys, SensorSuite, World};
 use control_core::estimate::Estimate;
@@ -23,6 +23,8 @@ pub use consistency::{Consistency, band, consistency};
 
 /// How long the machine is held before a flight, s: the estimator finds rest, then the biases settle.
 pub const HELD_S: f64 = 6.0;
+/// How long of that no rotor turns, s: their vibration is not rest.
+const STILL_S: f64 = 2.0;
 
 /// Sensors and estimator of one flight.
 pub struct Aboard {
@@ -84,7 +86,9 @@ impl Aboard {
     /// Reads the sensors while the machine is held, until the flight begins.
     pub fn hold(&mut self, still: &World) {
         for tick in 0..(self.began_s / self.dt_s).round() as usize {
-            self.step(&World { t_s: tick as f64 * self.dt_s - self.began_s, ..*still });
+            let t_s = tick as f64 * self.dt_s;
+            let rotor_n = if t_s < STILL_S { &[0.0; 4] } else { still.rotor_n };
+            self.step(&World { t_s: t_s - self.began_s, rotor_n, ..*still });
         }
         if !self.placed {
             let [north, east, down] = still.truth.position_m.map(|x| x as f32).into();
