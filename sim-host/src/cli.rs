@@ -216,6 +216,7 @@ fn draw(files: &mut Files, traces: &[Trace], scenario: &Scenario) -> Result<Vec<
     let windows_s = scenario.fault_windows_s();
     let drawn: Result<Vec<_>, Box<dyn Error + Send + Sync>> = FIGURES
         .par_iter()
+        .filter(|figure| traces.iter().any(|trace| figure.is_of(trace.log)))
         .map(|figure| {
             let svg = svg(figure, traces, &windows_s).map_err(|error| error.to_string())?;
             let png = png(&svg).map_err(|error| error.to_string())?;

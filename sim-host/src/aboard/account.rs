@@ -42,11 +42,7 @@ pub static QUANTITIES: [Quantity; 20] = [
         title: "true distance from the setpoint, 95 % of the time",
         of: |v| v.distance_95_m,
     },
-    Quantity {
-        name: "horizontal_distance_95_m",
-        title: "the same, horizontal",
-        of: |v| v.horizontal_distance_95_m,
-    },
+    Quantity { name: "horizontal_distance_95_m", title: "the same, horizontal", of: |v| v.horizontal_distance_95_m },
     Quantity {
         name: "gyro_bias_error_end_rad_s",
         title: "gyro bias beside the gyro's steady error, at the end",
@@ -57,11 +53,7 @@ pub static QUANTITIES: [Quantity; 20] = [
         title: "the same on its worst axis, in its own standard deviations",
         of: |v| v.bias_sigmas_end[0],
     },
-    Quantity {
-        name: "gyro_bias_sigmas_max",
-        title: "the same at its worst time",
-        of: |v| v.bias_sigmas_max[0],
-    },
+    Quantity { name: "gyro_bias_sigmas_max", title: "the same at its worst time", of: |v| v.bias_sigmas_max[0] },
     Quantity {
         name: "accelerometer_bias_error_end_m_s2",
         title: "accelerometer bias beside the accelerometer's steady error, at the end",

@@ -53,11 +53,7 @@ pub fn consistency(flights: &[&[f64]]) -> Option<Consistency> {
     let means: Vec<f64> = (0..length).map(|i| flights.iter().map(|flight| flight[i]).sum::<f64>() / count).collect();
     let band = band(JUDGED, flights.len());
     let inside = means.iter().filter(|&&mean| (band.0..=band.1).contains(&mean)).count();
-    Some(Consistency {
-        mean: means.iter().sum::<f64>() / length as f64,
-        band,
-        inside: inside as f64 / length as f64,
-    })
+    Some(Consistency { mean: means.iter().sum::<f64>() / length as f64, band, inside: inside as f64 / length as f64 })
 }
 
 #[cfg(test)]
