@@ -268,8 +268,10 @@ impl Guide {
         let step = (-wanted_m_s - velocity_m_s.z).clamp_abs(most);
         velocity_m_s.z += step;
         acceleration_m_s2.z = step / scene.dt_s;
-        let measured = scene.estimate.position_m.z;
-        position_m.z = measured + (position_m.z + velocity_m_s.z * scene.dt_s - measured).clamp_abs(LEASH_M.1);
+        // One that is below its setpoint may be led down by the controller: only what is ahead is on a leash.
+        let led_m = position_m.z + velocity_m_s.z * scene.dt_s - scene.estimate.position_m.z;
+        let ahead = led_m * velocity_m_s.z > 0.0;
+        position_m.z = scene.estimate.position_m.z + if ahead { led_m.clamp_abs(LEASH_M.1) } else { led_m };
     }
 
     fn fly_by_sticks(&mut self, limits: &Limits, scene: &Scene) {
@@ -465,7 +467,8 @@ mod tests {
             assert!(length([next.velocity_m_s.x, next.velocity_m_s.y]) <= limits.speed_m_s * 1.001);
             assert!((-limits.climb_m_s..=limits.sink_m_s).contains(&next.velocity_m_s.z));
             let led = next.position_m - estimate.position_m;
-            assert!(length([led.x, led.y]) <= LEASH_M.0 * 1.001 && led.z.abs() <= LEASH_M.1 * 1.001);
+            assert!(length([led.x, led.y]) <= LEASH_M.0 * 1.001);
+            assert!(led.z * next.velocity_m_s.z <= 0.0 || led.z.abs() <= LEASH_M.1 * 1.001);
             assert!(next.yaw_rad.abs() <= core::f32::consts::PI);
             // The machine follows, badly.
             estimate.position_m = estimate.position_m + led * 0.003;
