@@ -169,3 +169,18 @@ fn two_facing_rotors_lost_are_landed_as_fast_as_two_can_carry() {
         assert!(truth.touching && truth.impact_m_s < 2.0 && truth.tilt_rad() < 0.1, "{truth:?}");
     }
 }
+
+#[test]
+fn a_failsafe_on_the_ground_disarms() {
+    let mut rig = Rig::new();
+    rig.pilot.mode = Mode::PositionHold;
+    rig.fly(1.5);
+    rig.pilot.arm = true;
+    rig.fly(1.0);
+    assert!(rig.command().armed);
+    rig.link = false;
+    rig.fly(0.6);
+    assert!(!rig.command().armed);
+    rig.link = true;
+    rig.watch(1.0, &mut |_, command| assert!(!command.armed, "the switch is still on"));
+}
