@@ -7,8 +7,8 @@
 //!                         covariance, history ──┴─ GNSS, barometer, magnetometer, range and flow, vision: each at its own time
 //! ```
 //!
-//! An error-state Kalman filter of sixteen states: attitude, velocity, position, gyro and accelerometer bias, and the barometer's offset. It
-//! starts at rest (`alignment.rs`), and falls back to fixed gains (`complementary.rs`) while its covariance or state cannot be believed.
+//! An error-state Kalman filter of seventeen states: attitude, velocity, position, gyro and accelerometer bias, the barometer's offset and the
+//! ground's height. It starts at rest (`alignment.rs`), and falls back to fixed gains (`complementary.rs`) while its covariance or state cannot be believed.
 //! Nothing is assumed of what makes the machine move: no thrust, drag or hover enters, so that wind and a lost rotor are motion, which
 //! they are, and not bias.
 //!
@@ -18,7 +18,7 @@
 //! Elsewhere: `strapdown.rs` dead reckoning, `covariance.rs` the matrix, `history.rs` delays, `observe.rs` the models, `fusing.rs` what is done
 //! with each source, `sources.rs` what is let in, `gyro.rs` the filters of the rates. docs/estimation.md has the equations and figures.
 use crate::estimate::{Estimate, Health, Sigma};
-use crate::frames::{Attitude, Vec3};
+use crate::frames::{Attitude, Body, Vec3};
 use crate::measurement::{Imu, Measurements, Stamped};
 use crate::{GRAVITY_M_S2, Scalar};
 use alignment::{Alignment, Rest};
@@ -72,6 +72,10 @@ pub struct EstimatorTelemetry {
     pub fallbacks: u32,
     /// What the barometer reads above altitude, m.
     pub barometer_offset_m: f32,
+    /// The inertial unit that is gone by.
+    pub inertial: Source,
+    /// Where range and flow see the ground, m down.
+    pub ground_m: Option<f32>,
     /// How much later slow motion leaves the filters of the rates than it enters them, s.
     pub rate_delay_s: f32,
 }
@@ -110,7 +114,11 @@ pub struct EstimatorState {
     /// Whether a position, and an altitude, of the world's frame has been seen.
     placed: bool,
     levelled: bool,
-    barometer_heard: bool,
+    /// The barometer that the offset is of.
+    barometer_heard: Option<Source>,
+    /// Whether the second inertial unit is gone by, and how it reads above the first.
+    on_second: bool,
+    units_apart: [Vec3<Body>; 2],
     /// Time of the last inertial sample, and of the last step of the covariance, µs.
     time_us: u64,
     stepped_us: u64,
@@ -119,6 +127,8 @@ pub struct EstimatorState {
     fallen_s: f32,
     /// When the range last agreed with the ground, µs.
     ranged_us: u64,
+    /// Whether the last step fused a pose or a fix.
+    large_last: bool,
     /// Steps since dead reckoning was last held together.
     unaided_steps: u8,
     resets: u32,
@@ -127,7 +137,8 @@ pub struct EstimatorState {
 }
 
 impl EstimatorState {
-    /// The covariance of the errors: attitude (NED, rad), velocity, position, gyro bias, accelerometer bias and the barometer's offset.
+    /// The covariance of the errors: attitude (NED, rad), velocity, position, gyro bias, accelerometer bias, the barometer's
+    /// offset and the ground.
     pub fn covariance(&self) -> &[[f32; STATES]; STATES] {
         self.filter.covariance.matrix()
     }
@@ -140,6 +151,8 @@ pub struct Estimator {
     chain: GyroChain,
     /// Unit vector north and east of the earth's field.
     earth: [f32; 2],
+    /// Its part down over its horizontal part.
+    steep: f32,
     earth_ut: f32,
 }
 
@@ -156,6 +169,7 @@ impl Estimator {
             config: *config,
             chain: GyroChain::new(&config.gyro),
             earth: [field.x / horizontal, field.y / horizontal],
+            steep: field.z / horizontal,
             earth_ut: Scalar::sqrt(field.norm_squared()),
         })
     }
@@ -173,12 +187,15 @@ impl Estimator {
             aided: Aided::default(),
             placed: false,
             levelled: false,
-            barometer_heard: false,
+            barometer_heard: None,
+            on_second: false,
+            units_apart: [Vec3::zero(); 2],
             time_us: 0,
             stepped_us: 0,
             gap_s: 0.0,
             fallen_s: 0.0,
             ranged_us: 0,
+            large_last: false,
             unaided_steps: 0,
             resets: 0,
             fallbacks: 0,
@@ -195,6 +212,32 @@ impl Estimator {
                 health: Health::default(),
             },
         }
+    }
+
+    /// The state of a machine whose motion is known: one that a simulation starts in the air, or a board that was interrupted.
+    ///
+    /// - `known`: with standard deviations that are meant.
+    pub fn resume(&self, known: &Estimate) -> EstimatorState {
+        let sigma = &known.sigma;
+        let start = Start {
+            tilt_rad: sigma.tilt_rad.max(1e-4),
+            heading_rad: sigma.heading_rad.max(1e-4),
+            velocity_m_s: sigma.horizontal_m_s.max(sigma.vertical_m_s).max(1e-3),
+            position_m: sigma.horizontal_m.max(sigma.altitude_m).max(1e-3),
+            gyro_bias_rad_s: self.config.inertial.gyro_bias_rad_s,
+            levelled_by_accelerometer: false,
+        };
+        let mut nominal = Nominal::at_rest(Quaternion::of(&known.attitude), known.gyro_bias_rad_s);
+        nominal.accelerometer_bias_m_s2 = known.accelerometer_bias_m_s2;
+        (nominal.velocity_m_s, nominal.position_m) = (known.velocity_m_s, known.position_m);
+        let mut state = self.state();
+        state.filter = Filter::new(&self.config, nominal, &start);
+        state.filter.history.push(known.time_us, &state.filter.nominal);
+        state.phase = Phase::Running;
+        (state.time_us, state.stepped_us) = (known.time_us, known.time_us);
+        state.aided.heading_us = known.time_us;
+        state.estimate = *known;
+        state
     }
 
     /// How little is known after an interruption in the air.
@@ -221,6 +264,8 @@ impl Estimator {
             resets: state.resets,
             fallbacks: state.fallbacks,
             barometer_offset_m: state.filter.barometer_offset_m,
+            inertial: state.inertial(),
+            ground_m: state.filter.ground_m,
             rate_delay_s: self.chain.delay_s(&state.gyro),
         }
     }
@@ -231,7 +276,7 @@ impl Estimator {
     /// - Returns the estimate, which lives in the state until the next step.
     pub fn step<'a>(&self, state: &'a mut EstimatorState, measurements: &Measurements, now_us: u64) -> &'a Estimate {
         self.admit(state, measurements, now_us);
-        if let Some(imu) = self.admit_inertial(state, measurements.imu.as_ref(), now_us) {
+        if let Some(imu) = self.admit_inertial(state, measurements, now_us) {
             let dt_s = state.lasted_s(&imu, &self.config);
             match state.phase {
                 Phase::Aligning => self.align(state, &imu, dt_s, now_us),
@@ -337,8 +382,13 @@ impl Estimator {
             complementary::follow_field(&mut state.filter, measured, self.earth, since_s);
             state.aided.heading_us = time_us;
         }
-        if let Some(altitude) = pending.baro_altitude_m {
-            let since_s = since_s(Source::Barometer, altitude.time_us);
+        let second = pending.baro_second_altitude_m.map(|altitude| (Source::BarometerSecond, altitude));
+        let first = pending.baro_altitude_m.map(|altitude| (Source::Barometer, altitude));
+        if let Some((source, altitude)) = first.or(second) {
+            let since_s = since_s(source, altitude.time_us);
+            if state.barometer_heard.replace(source) != Some(source) {
+                state.filter.barometer_offset_m = altitude.value + state.filter.nominal.position_m.z;
+            }
             complementary::follow_barometer(&mut state.filter, altitude.value, since_s);
             state.aided.altitude_us = time_us;
         }

@@ -38,6 +38,7 @@ pub mod failsafe;
 pub mod fault;
 mod filter;
 pub mod frames;
+pub mod geodesy;
 mod guidance;
 pub mod law;
 pub mod math;

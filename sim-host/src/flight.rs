@@ -8,9 +8,11 @@ use crate::preflight;
 use crate::reference::Target;
 use crate::scenario::Scenario;
 use crate::sensors::{Carrier, Sensors, World};
+use crate::sortie::Decision;
 use crate::vehicle::Vehicle;
 use crate::wind::{Gust, Gusts};
 use control_core::estimate::Estimate;
+use control_core::estimation::EstimatorTelemetry;
 use control_core::measurement::Measurements;
 use control_core::{Config, ConfigError, Controller, Input, Output, Q16, Scalar, Telemetry, WiringFault};
 use rand::SeedableRng;
@@ -62,6 +64,10 @@ pub struct Sample<'a> {
     pub clock_s: f64,
     /// What is believed of the motion, if the scenario names sensors.
     pub estimate: Option<&'a Estimate>,
+    /// How the estimator and its sources are, if there are any.
+    pub estimator: Option<&'a EstimatorTelemetry>,
+    /// What the autopilot decided, if it flies.
+    pub decision: Option<&'a Decision<'a>>,
     /// What it answers.
     pub output: &'a Output,
     /// What its answer asks of the body: u1 in N, u2 to u4 in N m.
@@ -236,6 +242,9 @@ impl Flight<'_> {
         {
             return Ok(Some(Ending::Refused(Refusal { fault })));
         }
+        if let Some(keys) = &self.scenario.autopilot {
+            return self.fly_sortie(keys, config, observe);
+        }
         match self.format {
             NumberFormat::F32 => self.fly_in::<f32>(config, observe),
             NumberFormat::F64 => self.fly_in::<f64>(config, observe),
@@ -275,8 +284,9 @@ impl Flight<'_> {
             let truth = plant.truth(&actuation);
             let mut input = sensors.sample(&truth, actuators.vibration(), &target, dt_s);
             if let Some(aboard) = &mut aboard {
-                let (vibration, rotor_n) = (actuators.vibration(), &plant.rotor_n(&actuation));
-                aboard.step(&World { t_s, truth: &truth, vibration, rotor_n, gust: &actuation.gust });
+                let (vibration, voltage) = (actuators.vibration(), actuators.voltage());
+                let rotor_n = &plant.rotor_n(&actuation);
+                aboard.step(&World { t_s, truth: &truth, vibration, rotor_n, gust: &actuation.gust, voltage });
                 if aboard.is_flown() {
                     input = aboard.input(target.setpoint());
                 }
@@ -300,6 +310,8 @@ impl Flight<'_> {
                 measurements: aboard.as_ref().map_or(&nothing, Aboard::measurements),
                 clock_s: aboard.as_ref().map_or(t_s, |aboard| aboard.clock_us(t_s) as f64 * 1e-6),
                 estimate: aboard.as_ref().map(Aboard::estimate),
+                estimator: aboard.as_ref().map(|aboard| aboard.telemetry(t_s)).as_ref(),
+                decision: None,
                 output: &output,
                 telemetry: &telemetry,
                 effectiveness: &effectiveness,
@@ -316,14 +328,21 @@ impl Flight<'_> {
     }
 
     /// Sensors and estimator, if the scenario names any. Those that are flown have seen the start for a while.
-    fn aboard(&self, vehicle: &Vehicle, ground: Ground, start: &Truth, actuators: &Actuators) -> Option<Aboard> {
+    pub(crate) fn aboard(
+        &self,
+        vehicle: &Vehicle,
+        ground: Ground,
+        start: &Truth,
+        actuators: &Actuators,
+    ) -> Option<Aboard> {
         let Self { scenario, seed, .. } = *self;
         let keys = scenario.sensors.as_ref()?;
         let carrier =
             Carrier { vehicle, ground_altitude_m: ground.altitude_m, control_hz: scenario.control_hz(), seed };
         let mut aboard = Aboard::new(keys, &scenario.sensor_fault, &carrier);
         let (vibration, gust) = (actuators.vibration(), &Gust::default());
-        aboard.hold(&World { t_s: 0.0, truth: start, vibration, rotor_n: &start.thrust_n, gust });
+        let voltage = actuators.voltage();
+        aboard.hold(&World { t_s: 0.0, truth: start, vibration, rotor_n: &start.thrust_n, gust, voltage });
         Some(aboard)
     }
 

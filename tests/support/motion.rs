@@ -185,7 +185,7 @@ pub struct Aboard {
 }
 
 /// The ground below where the motion starts, m: flow needs some height.
-pub const GROUND_M: f64 = 3.0;
+pub const GROUND_M: f64 = 6.0;
 
 /// A motion with sensors, sampled in step.
 #[derive(Clone, Debug)]
@@ -205,6 +205,8 @@ pub struct World {
     pub accelerometer_bias_m_s2: [f64; 3],
     /// See above.
     pub barometer_offset_m: f64,
+    /// Where the ground is, m down.
+    pub ground_m: f64,
     /// Satellite noise, m and m/s.
     pub gnss_m: f64,
     /// See above.
@@ -230,6 +232,7 @@ impl World {
             gyro_bias_rad_s,
             accelerometer_bias_m_s2,
             barometer_offset_m,
+            ground_m: GROUND_M,
             gnss_m: f64::from(config.aiding.gnss_horizontal_m),
             gnss_m_s: f64::from(config.aiding.gnss_m_s),
             stamped_late: false,
@@ -258,6 +261,7 @@ impl World {
         walk(&mut self.accelerometer_bias_m_s2, &mut self.noise, inertial.accelerometer_walk_m_s2_rt_s);
         self.barometer_offset_m +=
             f64::from(self.config.aiding.barometer_walk_m_rt_s) * dt_s.sqrt() * self.noise.normal();
+        self.ground_m += f64::from(self.config.aiding.ground_walk_m_rt_s) * dt_s.sqrt() * self.noise.normal();
         // Means over the sample, by Simpson's rule on eight intervals.
         let (mut rate, mut force) = ([0.0; 3], [0.0; 3]);
         for (i, weight) in [1.0, 4.0, 2.0, 4.0, 2.0, 4.0, 2.0, 4.0, 1.0].into_iter().enumerate() {
@@ -320,14 +324,14 @@ impl World {
         }
         if let (true, Some(time_us)) = (self.aboard.flow, self.due(20_000, 20_000)) {
             let truth = self.truth_at(time_us);
-            let range_m = (GROUND_M - truth.position_m[2]) / truth.rows[2][2];
+            let range_m = (self.ground_m - truth.position_m[2]) / truth.rows[2][2];
             let sigma_m = f64::from(aiding.range_m) + 0.02 * range_m;
             let off_m = sigma_m * self.noise.normal();
             m.range_m = self.stamped(time_us, (range_m + off_m) as f32);
         }
         if let (true, Some(time_us)) = (self.aboard.flow, self.due(10_000, 20_000)) {
             let truth = self.truth_at(time_us);
-            let distance_m = (GROUND_M - truth.position_m[2]) / truth.rows[2][2];
+            let distance_m = (self.ground_m - truth.position_m[2]) / truth.rows[2][2];
             let [x, y, _] = to_body(&truth.rows, truth.velocity_m_s);
             let [p, q, _] = truth.rate_rad_s;
             let mut off = || f64::from(aiding.flow_rad_s) * self.noise.normal();

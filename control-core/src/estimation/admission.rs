@@ -7,6 +7,9 @@ use crate::measurement::{Imu, Measurements, Stamped};
 /// Twice 2000 °/s, and twice 16 g: what the largest ranges of inertial units reach.
 const RATE_RAD_S_MAX: f32 = 70.0;
 const FORCE_M_S2_MAX: f32 = 314.0;
+/// How long a unit may be refused before the other stands in, µs; and the share of a difference between them that a sample is believed.
+const STAND_IN_US: u64 = 5_000;
+const LEARN: f32 = 5e-4;
 /// Farther than the local frame is flat, m; faster than a receiver of this kind follows, m/s.
 const DISTANCE_M_MAX: f32 = 50_000.0;
 const SPEED_M_S_MAX: f32 = 150.0;
@@ -29,29 +32,32 @@ const VISION_RAD_MAX: f32 = 0.5;
 const CROOKED_MAX: f32 = 0.01;
 
 impl Estimator {
-    /// The inertial sample, if it may be believed.
+    /// The inertial sample to go on with, if there is one to believe.
+    ///
+    /// The second unit stands in for the first when that has been refused or silent for [`STAND_IN_US`], and the other way round.
     pub(super) fn admit_inertial(
         &self,
         state: &mut EstimatorState,
-        imu: Option<&Stamped<Imu>>,
+        measurements: &Measurements,
         now_us: u64,
     ) -> Option<Stamped<Imu>> {
-        let imu = imu?;
-        let Imu { rate_rad_s: w, specific_force_m_s2: f } = imu.value;
-        let in_range =
-            w.norm_squared() <= RATE_RAD_S_MAX * RATE_RAD_S_MAX && f.norm_squared() <= FORCE_M_S2_MAX * FORCE_M_S2_MAX;
-        let look = Look::of(imu.time_us, [w.x, w.y, w.z, f.x, f.y, f.z], in_range);
-        let watch = &mut state.watches[Source::Inertial as usize];
-        let admitted = watch.admits(Source::Inertial, &look, now_us);
-        if admitted {
-            watch.take(imu.time_us);
+        let first = admit_unit(state, Source::Inertial, measurements.imu.as_ref(), now_us);
+        let second = admit_unit(state, Source::InertialSecond, measurements.imu_second.as_ref(), now_us);
+        if let (Some(a), Some(b)) = (&first, &second) {
+            state.learn_difference(&a.value, &b.value);
         }
-        admitted.then_some(*imu)
+        let (used, spare) = if state.on_second { (second, first) } else { (first, second) };
+        let last_us = state.watches[state.inertial() as usize].status.taken_us;
+        if used.is_none() && spare.is_some() && now_us.saturating_sub(last_us) > STAND_IN_US {
+            state.change_unit();
+            return spare.filter(|imu| imu.time_us > state.time_us);
+        }
+        used.filter(|imu| imu.time_us > state.time_us)
     }
 
     /// Keeps what else may be believed until the next step of the covariance; of each source the newest.
     pub(super) fn admit(&self, state: &mut EstimatorState, measurements: &Measurements, now_us: u64) {
-        let Measurements { baro_altitude_m, magnetic_ut, gnss, range_m, flow, vision, rotor_rad_s, .. } = measurements;
+        let Measurements { magnetic_ut, gnss, range_m, flow, vision, rotor_rad_s, .. } = measurements;
         let mut admits = |source: Source, look: Look| state.watches[source as usize].admits(source, &look, now_us);
         if let Some(s) = gnss {
             let g = &s.value;
@@ -65,11 +71,6 @@ impl Estimator {
             if admits(Source::Gnss, Look::of(s.time_us, values, g.fixed && sure && near)) {
                 state.pending.gnss = *gnss;
             }
-        }
-        if let Some(s) = baro_altitude_m
-            && admits(Source::Barometer, Look::of(s.time_us, [s.value], s.value.abs() <= ALTITUDE_M_MAX))
-        {
-            state.pending.baro_altitude_m = *baro_altitude_m;
         }
         if let Some(s) = magnetic_ut {
             let Vec3 { x, y, z, .. } = s.value;
@@ -105,6 +106,67 @@ impl Estimator {
         if let Some(s) = rotor_rad_s {
             self.chain.hear(&mut state.gyro, &s.value, now_us);
         }
+        admit_barometers(state, measurements, now_us);
+    }
+}
+
+/// Keeps the first barometer's altitude, or the second's while the first is silent or refused.
+fn admit_barometers(state: &mut EstimatorState, measurements: &Measurements, now_us: u64) {
+    let mut admits = |source: Source, sample: &Option<Stamped<f32>>| {
+        sample.filter(|s| {
+            let look = Look::of(s.time_us, [s.value], s.value.abs() <= ALTITUDE_M_MAX);
+            state.watches[source as usize].admits(source, &look, now_us)
+        })
+    };
+    let first = admits(Source::Barometer, &measurements.baro_altitude_m);
+    let second = admits(Source::BarometerSecond, &measurements.baro_second_altitude_m);
+    let first_lives = state.watches[Source::Barometer as usize].is_alive(Source::Barometer, now_us);
+    if first.is_some() {
+        state.pending.baro_altitude_m = first;
+        state.pending.baro_second_altitude_m = None;
+    } else if second.is_some() && !first_lives {
+        state.pending.baro_second_altitude_m = second;
+    }
+}
+
+/// A unit's sample, if it may be believed.
+fn admit_unit(
+    state: &mut EstimatorState,
+    source: Source,
+    imu: Option<&Stamped<Imu>>,
+    now_us: u64,
+) -> Option<Stamped<Imu>> {
+    let imu = imu?;
+    let Imu { rate_rad_s: w, specific_force_m_s2: f } = imu.value;
+    let in_range =
+        w.norm_squared() <= RATE_RAD_S_MAX * RATE_RAD_S_MAX && f.norm_squared() <= FORCE_M_S2_MAX * FORCE_M_S2_MAX;
+    let look = Look::of(imu.time_us, [w.x, w.y, w.z, f.x, f.y, f.z], in_range);
+    let watch = &mut state.watches[source as usize];
+    let admitted = watch.admits(source, &look, now_us);
+    if admitted {
+        watch.take(imu.time_us);
+    }
+    admitted.then_some(*imu)
+}
+
+impl EstimatorState {
+    /// The inertial unit that is gone by.
+    pub(super) fn inertial(&self) -> Source {
+        if self.on_second { Source::InertialSecond } else { Source::Inertial }
+    }
+
+    /// Follows how the second unit reads above the first.
+    fn learn_difference(&mut self, first: &Imu, second: &Imu) {
+        let [rate, force] = &mut self.units_apart;
+        *rate = *rate + (second.rate_rad_s - first.rate_rad_s - *rate) * LEARN;
+        *force = *force + (second.specific_force_m_s2 - first.specific_force_m_s2 - *force) * LEARN;
+    }
+
+    /// Goes by the other unit, whose biases are the first's and how much it reads above it.
+    fn change_unit(&mut self) {
+        let [rate, force] = self.units_apart.map(|apart| if self.on_second { -apart } else { apart });
+        self.on_second = !self.on_second;
+        self.filter.trade_biases(rate, force);
     }
 }
 

@@ -43,7 +43,7 @@ pub(crate) fn follow_gravity(filter: &mut Filter, span_s: f32) {
 
 /// Pulls the heading to the field `measured_ut`, NED, after `since_s` without.
 pub(crate) fn follow_field(filter: &mut Filter, measured_ut: Vec3<Ned>, earth: [f32; 2], since_s: f32) {
-    if let Some([observation]) = heading(measured_ut, earth, 1.0) {
+    if let Some([observation]) = heading(measured_ut, earth, 0.0, 1.0) {
         let gain = since_s.min(STEP_S_MAX) / HEADING_S;
         filter.turn(Vec3::new(0.0, 0.0, observation.innovation * gain));
     }

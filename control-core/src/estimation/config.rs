@@ -41,6 +41,8 @@ pub struct AidingNoise {
     pub magnetic_ut: f32,
     /// Range, m.
     pub range_m: f32,
+    /// Random walk of the ground's height below a flight, m/√s.
+    pub ground_walk_m_rt_s: f32,
     /// Optical flow, rad/s.
     pub flow_rad_s: f32,
     /// Position by external vision, least, m.
@@ -103,6 +105,7 @@ impl EstimatorConfig {
             barometer_walk_m_rt_s: 0.02,
             magnetic_ut: 1.0,
             range_m: 0.03,
+            ground_walk_m_rt_s: 0.02,
             flow_rad_s: 0.05,
             vision_m: 0.002,
             vision_rad: 0.002,
@@ -138,6 +141,7 @@ impl EstimatorConfig {
             ("aiding.barometer_walk_m_rt_s", a.barometer_walk_m_rt_s, (1e-5, 10.0)),
             ("aiding.magnetic_ut", a.magnetic_ut, (0.01, 20.0)),
             ("aiding.range_m", a.range_m, (0.001, 10.0)),
+            ("aiding.ground_walk_m_rt_s", a.ground_walk_m_rt_s, (1e-5, 10.0)),
             ("aiding.flow_rad_s", a.flow_rad_s, (0.001, 10.0)),
             ("aiding.vision_m", a.vision_m, (0.0005, 10.0)),
             ("aiding.vision_rad", a.vision_rad, (0.0005, 1.0)),

@@ -3,7 +3,7 @@
 //! Invariant: whatever moves the nominal state moves the history by the same, so that the past stays comparable.
 use super::config::EstimatorConfig;
 use super::covariance::{
-    ACCELEROMETER_BIAS, ATTITUDE, BARO_OFFSET, Covariance, GYRO_BIAS, Observation, POSITION, STATES, VELOCITY,
+    ACCELEROMETER_BIAS, ATTITUDE, BARO_OFFSET, Covariance, GROUND, GYRO_BIAS, Observation, POSITION, STATES, VELOCITY,
 };
 use super::history::{History, Past};
 use super::observe::components;
@@ -15,9 +15,15 @@ use crate::measurement::Imu;
 /// Largest biases that are believed: beyond any part that is not broken.
 const GYRO_BIAS_RAD_S_MAX: f32 = 0.2;
 const ACCELEROMETER_BIAS_M_S2_MAX: f32 = 1.5;
+/// How well the difference of two inertial units is known, rad/s and m/s².
+const TRADE_RAD_S: f32 = 0.002;
+const TRADE_M_S2: f32 = 0.05;
 /// Standard deviation of a state that nothing is known of: velocity, m/s, and position, m.
 pub(crate) const UNKNOWN_M_S: f32 = 3.0;
 pub(crate) const UNKNOWN_M: f32 = 100.0;
+
+/// The state of position down.
+const DOWN: usize = POSITION + 2;
 
 /// Everything the filter believes.
 #[derive(Clone, Copy, Debug)]
@@ -72,6 +78,7 @@ impl Filter {
         }
         sigma[ATTITUDE + 2] = heading_rad;
         sigma[BARO_OFFSET] = config.aiding.barometer_m;
+        sigma[GROUND] = config.aiding.range_m;
         let attitude = nominal.rotation.attitude();
         let mut covariance = Covariance::diagonal(sigma);
         if levelled_by_accelerometer {
@@ -156,7 +163,7 @@ impl Filter {
 
     /// Moves everything by an error.
     fn correct(&mut self, error: &[f32; STATES]) {
-        let [tx, ty, tz, vx, vy, vz, px, py, pz, gx, gy, gz, ax, ay, az, b] = *error;
+        let [tx, ty, tz, vx, vy, vz, px, py, pz, gx, gy, gz, ax, ay, az, offset, ground] = *error;
         self.turn(Vec3::new(tx, ty, tz));
         self.shift(Vec3::new(vx, vy, vz), Vec3::new(px, py, pz));
         let held = |v: Vec3<Body>, max: f32| v.map(|x| x.clamp(-max, max));
@@ -164,7 +171,8 @@ impl Filter {
         nominal.gyro_bias_rad_s = held(nominal.gyro_bias_rad_s + Vec3::new(gx, gy, gz), GYRO_BIAS_RAD_S_MAX);
         nominal.accelerometer_bias_m_s2 =
             held(nominal.accelerometer_bias_m_s2 + Vec3::new(ax, ay, az), ACCELEROMETER_BIAS_M_S2_MAX);
-        self.barometer_offset_m += b;
+        self.barometer_offset_m += offset;
+        self.ground_m = self.ground_m.map(|ground_m| ground_m + ground);
     }
 
     /// Turns past and present by a vector in NED.
@@ -192,34 +200,41 @@ impl Filter {
         self.covariance.reset(POSITION + 1, sigma_m * sigma_m);
     }
 
-    /// Takes the altitude from a measurement that is absolute; the barometer's offset moves with it.
-    pub(crate) fn level_absolutely(&mut self, past: &Past, measured_m: Vec3<Ned>, sigma_m: f32, barometer_m: f32) {
+    /// Takes the altitude from a measurement that is absolute; the barometer's offset and the ground move with it.
+    pub(crate) fn level_absolutely(
+        &mut self,
+        past: &Past,
+        measured_m: Vec3<Ned>,
+        sigma_m: f32,
+        config: &EstimatorConfig,
+    ) {
         let jump_m = measured_m.z - past.position_m.z;
         self.shift(Vec3::zero(), Vec3::new(0.0, 0.0, jump_m));
         self.barometer_offset_m += jump_m;
         self.ground_m = self.ground_m.map(|ground_m| ground_m + jump_m);
-        let variance = sigma_m * sigma_m;
-        self.covariance.reset(POSITION + 2, variance);
-        self.covariance.reset(BARO_OFFSET, variance + barometer_m * barometer_m);
-        self.covariance.correlate(POSITION + 2, BARO_OFFSET, variance);
+        let (barometer_m, range_m) = (config.aiding.barometer_m, config.aiding.range_m);
+        self.covariance.reset(DOWN, sigma_m * sigma_m);
+        self.covariance.copy(DOWN, BARO_OFFSET, barometer_m * barometer_m);
+        self.covariance.copy(DOWN, GROUND, range_m * range_m);
     }
 
     /// Takes the barometer's offset from the altitude, which is believed.
     pub(crate) fn tare_barometer(&mut self, past: &Past, altitude_m: f32, sigma_m: f32) {
         self.barometer_offset_m = altitude_m + past.position_m.z;
-        let variance = self.covariance.variance(POSITION + 2);
-        self.covariance.reset(BARO_OFFSET, variance + sigma_m * sigma_m);
-        self.covariance.correlate(POSITION + 2, BARO_OFFSET, variance);
+        self.covariance.copy(DOWN, BARO_OFFSET, sigma_m * sigma_m);
     }
 
     /// Takes the altitude from the barometer, whose offset is believed.
     pub(crate) fn level_by_barometer(&mut self, past: &Past, altitude_m: f32, sigma_m: f32) {
         let jump_m = self.barometer_offset_m - altitude_m - past.position_m.z;
         self.shift(Vec3::zero(), Vec3::new(0.0, 0.0, jump_m));
-        let offset = self.covariance.variance(BARO_OFFSET);
-        self.covariance.reset(POSITION + 2, sigma_m * sigma_m + offset);
-        self.covariance.reset(BARO_OFFSET, offset);
-        self.covariance.correlate(POSITION + 2, BARO_OFFSET, offset);
+        self.covariance.copy(BARO_OFFSET, DOWN, sigma_m * sigma_m);
+    }
+
+    /// Takes the ground from a range of `height_m` above it, of standard deviation `sigma_m`.
+    pub(crate) fn find_ground(&mut self, past: &Past, height_m: f32, sigma_m: f32) {
+        self.ground_m = Some(past.position_m.z + height_m);
+        self.covariance.copy(DOWN, GROUND, sigma_m * sigma_m);
     }
 
     /// Takes the velocity from a measurement and forgets what was believed of it.
@@ -237,6 +252,17 @@ impl Filter {
             self.turn(Vec3::new(0.0, 0.0, by_rad / 3.0));
         }
         self.covariance.reset(ATTITUDE + 2, sigma_rad * sigma_rad);
+    }
+
+    /// Goes on with another inertial unit, which reads above the last by `rate_rad_s` and `force_m_s2`.
+    pub(crate) fn trade_biases(&mut self, rate_rad_s: Vec3<Body>, force_m_s2: Vec3<Body>) {
+        let nominal = &mut self.nominal;
+        nominal.gyro_bias_rad_s = nominal.gyro_bias_rad_s + rate_rad_s;
+        nominal.accelerometer_bias_m_s2 = nominal.accelerometer_bias_m_s2 + force_m_s2;
+        let mut unsure = [0.0; STATES];
+        unsure[GYRO_BIAS..GYRO_BIAS + 3].fill(TRADE_RAD_S * TRADE_RAD_S);
+        unsure[ACCELEROMETER_BIAS..ACCELEROMETER_BIAS + 3].fill(TRADE_M_S2 * TRADE_M_S2);
+        self.covariance.add_noise(&unsure);
     }
 
     /// Whether it may be believed at all.
@@ -290,6 +316,7 @@ impl EstimatorConfig {
             noise[ACCELEROMETER_BIAS + axis] = force_walk;
         }
         noise[BARO_OFFSET] = square(self.aiding.barometer_walk_m_rt_s) * span_s;
+        noise[GROUND] = square(self.aiding.ground_walk_m_rt_s) * span_s;
         noise
     }
 }

@@ -2,13 +2,13 @@
 //!
 //! A source that is refused alone for [`RESET_US`] has no other to contradict it: what it measures is set anew from it. Vision outranks
 //! the magnetometer while it lives, as its frame may not be north's.
-use super::covariance::{BARO_OFFSET, Observation, POSITION, VELOCITY};
+use super::covariance::{BARO_OFFSET, GROUND, Observation, POSITION, VELOCITY};
 use super::history::Past;
 use super::observe;
 use super::sources::{Source, SourceFault};
 use super::{Estimator, EstimatorState};
 use crate::frames::{Ned, Vec3};
-use crate::measurement::{Flow, Gnss, Stamped, Vision};
+use crate::measurement::{Flow, Gnss, Measurements, Stamped, Vision};
 
 /// Disagreement with the only source of a quantity after which the filter yields, µs.
 const RESET_US: u64 = 2_000_000;
@@ -35,7 +35,7 @@ struct Verdict {
 
 impl EstimatorState {
     fn past(&self, time_us: u64, now_us: u64) -> Option<Past> {
-        self.filter.history.at(time_us, now_us, &self.filter.nominal)
+        self.filter.history.at(time_us, now_us)
     }
 
     /// Records what became of a sample.
@@ -64,26 +64,30 @@ impl Verdict {
 }
 
 impl Estimator {
-    /// Fuses everything that was let in since the last step of the covariance, which is at `now_us` of the inertial unit.
+    /// Fuses what was let in, with the step of the covariance at `now_us` of the inertial unit: one pose or fix, or all of the small ones.
+    ///
+    /// Each is compared with its own time, so that one that waits its turn loses nothing; the steps are many enough for all.
     pub(super) fn fuse_pending(&self, state: &mut EstimatorState, now_us: u64) {
-        let pending = core::mem::take(&mut state.pending);
-        if let Some(vision) = &pending.vision {
+        let Measurements { vision, gnss, baro_altitude_m, baro_second_altitude_m, magnetic_ut, range_m, flow, .. } =
+            state.pending;
+        let baro = baro_altitude_m.is_some() || baro_second_altitude_m.is_some();
+        let small = baro || magnetic_ut.is_some() || range_m.is_some() || flow.is_some();
+        let large = vision.is_some() || gnss.is_some();
+        state.large_last = large && !(small && state.large_last);
+        if !state.large_last {
+            state.pending = Measurements { vision, gnss, ..Measurements::default() };
+            baro_altitude_m.inspect(|altitude| self.fuse_barometer(state, Source::Barometer, altitude, now_us));
+            baro_second_altitude_m
+                .inspect(|altitude| self.fuse_barometer(state, Source::BarometerSecond, altitude, now_us));
+            range_m.inspect(|range| self.fuse_range(state, range, now_us));
+            flow.inspect(|flow| self.fuse_flow(state, flow, now_us));
+            magnetic_ut.inspect(|field| self.fuse_field(state, field, now_us));
+        } else if let Some(vision) = &vision {
+            state.pending.vision = None;
             self.fuse_vision(state, vision, now_us);
-        }
-        if let Some(gnss) = &pending.gnss {
+        } else if let Some(gnss) = &gnss {
+            state.pending.gnss = None;
             self.fuse_gnss(state, gnss, now_us);
-        }
-        if let Some(altitude) = &pending.baro_altitude_m {
-            self.fuse_barometer(state, altitude, now_us);
-        }
-        if let Some(range) = &pending.range_m {
-            self.fuse_range(state, range, now_us);
-        }
-        if let Some(flow) = &pending.flow {
-            self.fuse_flow(state, flow, now_us);
-        }
-        if let Some(field) = &pending.magnetic_ut {
-            self.fuse_field(state, field, now_us);
         }
         state.unaided_steps = (state.unaided_steps + 1) % UNAIDED_STEPS;
         if state.unaided_steps == 0 {
@@ -158,24 +162,24 @@ impl Estimator {
         if levelled {
             state.aided.altitude_us = now_us;
         } else if !state.levelled || state.yields(state.aided.altitude_us, now_us, RESET_US) {
-            state.filter.level_absolutely(past, measured_m, vertical_m, self.config.aiding.barometer_m);
+            state.filter.level_absolutely(past, measured_m, vertical_m, &self.config);
             (state.levelled, verdict.taken, state.aided.altitude_us) = (true, true, now_us);
         }
         placed
     }
 
-    fn fuse_barometer(&self, state: &mut EstimatorState, altitude: &Stamped<f32>, now_us: u64) {
+    fn fuse_barometer(&self, state: &mut EstimatorState, source: Source, altitude: &Stamped<f32>, now_us: u64) {
         let Some(past) = state.past(altitude.time_us, now_us) else {
-            return state.record(Source::Barometer, altitude.time_us, None);
+            return state.record(source, altitude.time_us, None);
         };
         let (sigma_m, mut verdict) = (self.config.aiding.barometer_m, Verdict::NONE);
-        if !state.barometer_heard {
-            state.barometer_heard = true;
-            if state.levelled {
+        if state.barometer_heard != Some(source) {
+            if state.levelled || state.barometer_heard.is_some() {
                 state.filter.tare_barometer(&past, altitude.value, sigma_m);
             } else {
                 state.filter.level_by_barometer(&past, altitude.value, sigma_m);
             }
+            state.barometer_heard = Some(source);
         }
         let offset_m = state.filter.barometer_offset_m;
         if self.group(state, &mut verdict, &observe::barometer(&past, altitude.value, offset_m, sigma_m)) {
@@ -184,7 +188,7 @@ impl Estimator {
             state.filter.level_by_barometer(&past, altitude.value, sigma_m);
             state.aided.altitude_us = now_us;
         }
-        state.record(Source::Barometer, altitude.time_us, Some(&verdict));
+        state.record(source, altitude.time_us, Some(&verdict));
     }
 
     fn fuse_range(&self, state: &mut EstimatorState, range: &Stamped<f32>, now_us: u64) {
@@ -197,14 +201,18 @@ impl Estimator {
             return;
         }
         let (sigma_m, mut verdict) = (self.config.aiding.range_m + RANGE_SHARE * range.value, Verdict::NONE);
-        let here_m = past.position_m.z + height_m;
-        let ground_m = *state.filter.ground_m.get_or_insert(here_m);
+        let ground_m = match state.filter.ground_m {
+            Some(ground_m) => ground_m,
+            None => {
+                state.filter.find_ground(&past, height_m, sigma_m);
+                past.position_m.z + height_m
+            }
+        };
         if self.group(state, &mut verdict, &observe::range(&past, range.value, ground_m, sigma_m)) {
-            state.ranged_us = now_us;
-            state.aided.altitude_us = now_us;
+            (state.ranged_us, state.aided.altitude_us) = (now_us, now_us);
         } else if state.yields(state.ranged_us, now_us, RESET_US) {
-            // The ground has a step, if others know the altitude better.
-            state.filter.ground_m = Some(here_m);
+            // A step in the ground, as far as the others know the altitude.
+            state.filter.find_ground(&past, height_m, sigma_m);
             state.ranged_us = now_us;
         }
         state.record(Source::Range, range.time_us, Some(&verdict));
@@ -234,7 +242,7 @@ impl Estimator {
             return state.record(Source::Magnetometer, field.time_us, None);
         };
         let measured_ut = past.rotation.attitude().to_ned(field.value);
-        let observations = observe::heading(measured_ut, self.earth, self.config.aiding.magnetic_ut);
+        let observations = observe::heading(measured_ut, self.earth, self.steep, self.config.aiding.magnetic_ut);
         let (Some(observations), false) = (observations, seen) else { return };
         let mut verdict = Verdict::NONE;
         if self.group(state, &mut verdict, &observations) {
@@ -267,8 +275,10 @@ impl Estimator {
                 filter.covariance.reset(POSITION + axis, 0.25 * ROAMING_M * ROAMING_M);
             }
         }
-        if filter.covariance.variance(BARO_OFFSET) > ROAMING_M * ROAMING_M {
-            filter.covariance.reset(BARO_OFFSET, 0.25 * ROAMING_M * ROAMING_M);
+        for state in [BARO_OFFSET, GROUND] {
+            if filter.covariance.variance(state) > ROAMING_M * ROAMING_M {
+                filter.covariance.reset(state, 0.25 * ROAMING_M * ROAMING_M);
+            }
         }
     }
 }

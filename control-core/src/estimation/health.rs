@@ -11,7 +11,6 @@
 //!
 //! With fixed gains only tilt, heading and altitude can be flown on, as long as their sources are alive.
 use super::covariance::{ATTITUDE, POSITION, VELOCITY};
-use super::sources::Source;
 use super::{Estimator, EstimatorState, Phase};
 use crate::Scalar;
 use crate::estimate::{Health, Sigma};
@@ -52,7 +51,8 @@ impl Estimator {
         let (limits, sigma, aided) = (&self.config.limits, &state.estimate.sigma, &state.aided);
         let reckoning_us = (limits.dead_reckoning_s * 1e6) as u64;
         let recent = |time_us: u64| time_us > 0 && now_us.saturating_sub(time_us) <= reckoning_us;
-        let rates = state.watches[Source::Inertial as usize].is_alive(Source::Inertial, now_us);
+        let unit = state.inertial();
+        let rates = state.watches[unit as usize].is_alive(unit, now_us);
         let mut health = Health { rates, ..Health::default() };
         match state.phase {
             Phase::Aligning => {}

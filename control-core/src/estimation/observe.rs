@@ -6,14 +6,14 @@
 //! | source              | expected                          | row                                            |
 //! |---------------------|-----------------------------------|------------------------------------------------|
 //! | position            | `p`                               | `p − T v`                                      |
-//! | velocity            | `v`                               | `v − θ × u`                                    |
+//! | velocity            | `v`                               | `v`                                            |
 //! | attitude            | `½ Σ r̂ × r` over body axes r is 0 | `θ`                                            |
-//! | heading, by field m | angle of `R m` is that of earth's | `θ_z − m_z (m_x θ_x + m_y θ_y) / m_h²`         |
+//! | heading, by field m | angle of `R m` is that of earth's | `θ_z − m_z (m_x θ_x + m_y θ_y) / m_h²`, m of the earth |
 //! | barometer           | `b_h − p_z`                       | the same                                       |
-//! | range r             | `p_z = ground − r R_33`           | `p_z + r (θ_x R_23 − θ_y R_13)`                |
-//! | flow, distance d    | `v_y = −d (f_x − ω_x)`, `v_x = d (f_y − ω_y)` | `r · v + (r × (v + u)) · θ + v' p_z / height` |
+//! | range r             | `p_z = ground − r R_33`           | `p_z − d_g + r (θ_x R_23 − θ_y R_13)`          |
+//! | flow, distance d    | `v_y = −d (f_x − ω_x)`, `v_x = d (f_y − ω_y)` | `r · v + (r × v) · θ + v' (p_z − d_g) / height` |
 //! | gravity             | `R f` has no horizontal part      | `θ × R f − R b_a`                              |
-use super::covariance::{ACCELEROMETER_BIAS, ATTITUDE, BARO_OFFSET, Observation, POSITION, VELOCITY};
+use super::covariance::{ACCELEROMETER_BIAS, ATTITUDE, BARO_OFFSET, GROUND, Observation, POSITION, VELOCITY};
 use super::history::Past;
 use crate::Scalar;
 use crate::frames::{Attitude, Ned, Vec3};
@@ -45,13 +45,8 @@ fn position(past: &Past, axis: usize, off_m: f32, sigma_m: f32) -> Observation {
 
 /// Velocity, measured with the standard deviation `sigma_m_s` on each axis.
 pub(crate) fn velocity(past: &Past, measured_m_s: Vec3<Ned>, sigma_m_s: f32) -> [Observation; 3] {
-    let (off, variance) = (components(measured_m_s - past.velocity_m_s), sigma_m_s * sigma_m_s);
-    let u = components(past.pushed_m_s);
-    core::array::from_fn(|axis| {
-        let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
-        let terms = [(VELOCITY + axis, 1.0), (ATTITUDE + next, -u[last]), (ATTITUDE + last, u[next])];
-        Observation::new(off[axis], variance, terms)
-    })
+    let off = components(measured_m_s - past.velocity_m_s);
+    core::array::from_fn(|axis| Observation::new(off[axis], sigma_m_s * sigma_m_s, [(VELOCITY + axis, 1.0)]))
 }
 
 /// Attitude, measured with the standard deviation `sigma_rad` about each axis.
@@ -82,19 +77,22 @@ pub(crate) fn heading_apart(past: &Past, measured: &Attitude) -> f32 {
 
 /// Heading by the magnetic field `measured_ut` in NED, as the attitude then has it.
 ///
-/// - `earth`: unit vector north and east, of the earth's field.
+/// The row is of the earth's field, not of the measured one: its noise is that of the innovation, and their product has a mean, which
+/// pulls the tilt.
+///
+/// - `earth`: unit vector north and east of the earth's field; `steep`: its part down over its horizontal part.
 /// - Returns `None` where the horizontal part is too weak.
-pub(crate) fn heading(measured_ut: Vec3<Ned>, earth: [f32; 2], sigma_ut: f32) -> Option<[Observation; 1]> {
-    let Vec3 { x, y, z, .. } = measured_ut;
+pub(crate) fn heading(measured_ut: Vec3<Ned>, earth: [f32; 2], steep: f32, sigma_ut: f32) -> Option<[Observation; 1]> {
+    let Vec3 { x, y, .. } = measured_ut;
     let square = x * x + y * y;
     if square < 4.0 * sigma_ut * sigma_ut {
         return None;
     }
     let length = Scalar::sqrt(square);
-    let (x, y, steep) = (x / length, y / length, z / length);
+    let (x, y) = (x / length, y / length);
     let off_rad = atan2(x * earth[1] - y * earth[0], x * earth[0] + y * earth[1]);
     let sigma_rad = sigma_ut / length;
-    let terms = [(ATTITUDE, -steep * x), (ATTITUDE + 1, -steep * y), (ATTITUDE + 2, 1.0)];
+    let terms = [(ATTITUDE, -steep * earth[0]), (ATTITUDE + 1, -steep * earth[1]), (ATTITUDE + 2, 1.0)];
     Some([Observation::new(off_rad, sigma_rad * sigma_rad, terms)])
 }
 
@@ -112,6 +110,7 @@ pub(crate) fn range(past: &Past, range_m: f32, ground_m: f32, sigma_m: f32) -> [
     let terms = [
         (POSITION + DOWN, 1.0),
         (VELOCITY + DOWN, -past.delay_s),
+        (GROUND, -1.0),
         (ATTITUDE, range_m * rows[1][2]),
         (ATTITUDE + 1, -range_m * rows[0][2]),
     ];
@@ -131,7 +130,7 @@ pub(crate) fn flow(past: &Past, flow: &Flow, height_m: f32, sigma_rad_s: f32) ->
     Some(core::array::from_fn(|axis| {
         let r = Vec3::<Ned>::new(rows[0][axis], rows[1][axis], rows[2][axis]);
         let v = past.velocity_m_s;
-        let turned = r.cross(v + past.pushed_m_s);
+        let turned = r.cross(v);
         let off_m_s = measured_m_s[axis] - (r.x * v.x + r.y * v.y + r.z * v.z);
         let terms = [
             (VELOCITY, r.x),
@@ -141,6 +140,7 @@ pub(crate) fn flow(past: &Past, flow: &Flow, height_m: f32, sigma_rad_s: f32) ->
             (ATTITUDE + 1, turned.y),
             (ATTITUDE + 2, turned.z),
             (POSITION + DOWN, measured_m_s[axis] / height_m),
+            (GROUND, -measured_m_s[axis] / height_m),
         ];
         Observation::new(off_m_s, sigma_m_s * sigma_m_s, terms)
     }))

@@ -5,7 +5,7 @@
 //! | has a value that is not a number                 | [`SourceFault::NotFinite`]      |
 //! | has a value that the part cannot measure         | [`SourceFault::OutOfRange`]     |
 //! | is not newer than the one before                 | [`SourceFault::Backwards`]      |
-//! | is newer than now                                | [`SourceFault::FromTheFuture`]  |
+//! | is newer than now, by more than a stamp's jitter | [`SourceFault::FromTheFuture`]  |
 //! | is older than the path that is kept              | [`SourceFault::TooLate`]        |
 //! | has the bits of the ones before, too often       | [`SourceFault::Stuck`]          |
 //! | is too far from what the others say              | [`SourceFault::Disagrees`]      |
@@ -19,10 +19,14 @@ use core::fmt;
 pub enum Source {
     /// Gyroscope and accelerometer.
     Inertial,
+    /// The second ones, which stand in for the first.
+    InertialSecond,
     /// Satellite receiver.
     Gnss,
     /// Barometer.
     Barometer,
+    /// The second one, which stands in for the first.
+    BarometerSecond,
     /// Magnetometer.
     Magnetometer,
     /// Distance to the ground.
@@ -33,20 +37,48 @@ pub enum Source {
     Vision,
 }
 
+impl fmt::Display for Source {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Inertial => "inertial unit",
+            Self::InertialSecond => "second inertial unit",
+            Self::Gnss => "satellite receiver",
+            Self::Barometer => "barometer",
+            Self::BarometerSecond => "second barometer",
+            Self::Magnetometer => "magnetometer",
+            Self::Range => "range",
+            Self::Flow => "optical flow",
+            Self::Vision => "external vision",
+        })
+    }
+}
+
+/// How far ahead of now a stamp may be: clocks and interrupts are no better, µs.
+const JITTER_US: u64 = 500;
+
 /// Number of sources.
-pub const SOURCES: usize = 7;
+pub const SOURCES: usize = 9;
 
 impl Source {
     /// Every source, in the order of [`super::EstimatorTelemetry::sources`].
-    pub const ALL: [Self; SOURCES] =
-        [Self::Inertial, Self::Gnss, Self::Barometer, Self::Magnetometer, Self::Range, Self::Flow, Self::Vision];
+    pub const ALL: [Self; SOURCES] = [
+        Self::Inertial,
+        Self::InertialSecond,
+        Self::Gnss,
+        Self::Barometer,
+        Self::BarometerSecond,
+        Self::Magnetometer,
+        Self::Range,
+        Self::Flow,
+        Self::Vision,
+    ];
 
     /// Silence that is a fault, µs: ten samples of a slow part of the kind.
     pub const fn silence_us_max(self) -> u64 {
         match self {
-            Self::Inertial => 20_000,
+            Self::Inertial | Self::InertialSecond => 20_000,
             Self::Gnss => 1_000_000,
-            Self::Barometer | Self::Magnetometer | Self::Range => 500_000,
+            Self::Barometer | Self::BarometerSecond | Self::Magnetometer | Self::Range => 500_000,
             Self::Flow | Self::Vision => 200_000,
         }
     }
@@ -164,7 +196,7 @@ impl Watch {
     }
 
     fn fault_of(&mut self, source: Source, look: &Look, now_us: u64) -> Option<SourceFault> {
-        if look.time_us > now_us {
+        if look.time_us > now_us + JITTER_US {
             return Some(SourceFault::FromTheFuture);
         }
         if look.time_us <= self.last_us {
@@ -183,7 +215,7 @@ impl Watch {
         if self.repeats >= source.repeats_max() {
             return Some(SourceFault::Stuck);
         }
-        (now_us - look.time_us > DELAY_US_MAX).then_some(SourceFault::TooLate)
+        (now_us.saturating_sub(look.time_us) > DELAY_US_MAX).then_some(SourceFault::TooLate)
     }
 
     /// Counts a sample that was not taken in.
@@ -229,7 +261,8 @@ mod tests {
             ("infinite", NOW_US, f32::INFINITY, true, Some(SourceFault::NotFinite)),
             ("out of range", NOW_US, 1.0, false, Some(SourceFault::OutOfRange)),
             ("as old as the last", NOW_US - 600_000, 1.0, true, Some(SourceFault::Backwards)),
-            ("from the future", NOW_US + 1, 1.0, true, Some(SourceFault::FromTheFuture)),
+            ("stamped a little early", NOW_US + JITTER_US, 1.0, true, None),
+            ("from the future", NOW_US + JITTER_US + 1, 1.0, true, Some(SourceFault::FromTheFuture)),
             ("too late", NOW_US - DELAY_US_MAX - 1, 1.0, true, Some(SourceFault::TooLate)),
         ] {
             let mut watch = Watch { last_us: NOW_US - 600_000, ..Watch::UNHEARD };

@@ -251,7 +251,7 @@ impl Account {
                 channel.name.to_owned(),
                 channel.unit.to_owned(),
                 format!("{:.1}", track.samples / self.end_s),
-                format!("{:.1}", 1e3 * track.late_s / track.samples),
+                format!("{:.1}", 1e3 * track.late_s.max(0.0) / track.samples),
                 format!("{:.0}", 1e3 * gap_s),
                 format!("{mean:.4}"),
                 format!("{deviation:.4}"),

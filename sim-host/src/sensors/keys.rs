@@ -56,7 +56,7 @@ pub struct SensorKeys {
     pub light_lux: f64,
     /// Share of the ground's image that has texture, 0 to 1.
     pub texture: f64,
-    /// Magnetic field of the motor current at the magnetometer, body axes, µT/A.
+    /// Magnetic field of the motor current at the magnetometer, body axes, µT/A; a calibration leaves a fifth of it.
     pub mag_ut_per_a: [f64; 3],
     /// Current of all motors in a hover, A.
     pub hover_a: f64,
