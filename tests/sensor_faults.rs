@@ -1,5 +1,6 @@
 //! Sensor faults: what each does to the readings, and which are refused in files.
 use control_core::measurement::Measurements;
+use proptest::prelude::*;
 use sim_host::fault::sensors::{Sensor, SensorAxis, SensorFault, SensorFaultKind};
 use sim_host::fault::{Intermittent, Profile, Ramp};
 use sim_host::scenario::Scenario;
@@ -172,6 +173,79 @@ fn faults_grow_and_flicker_as_their_profiles_say() {
     let on = during(&rows).filter(|(_, read, healthy)| read != healthy).count();
     // Half of the time in 50 cycles: four standard deviations.
     assert!((150..350).contains(&on), "{on} of 500");
+}
+
+#[test]
+fn an_offset_of_position_leaves_velocity_and_garbage_does_not() {
+    let velocity = |m: &Measurements| m.gnss.map(|x| (x.time_us, f64::from(x.value.velocity_m_s.x)));
+    let north = |m: &Measurements| m.gnss.map(|x| (x.time_us, f64::from(x.value.position_m.x)));
+    let bias = [fault(Sensor::Gnss, SensorFaultKind::Bias { offset: 111.0 })];
+    assert!(
+        during(&faulty(&bias, &north))
+            .filter(|(t_s, ..)| *t_s > 5.3)
+            .all(|(_, read, was)| (read - was - 111.0).abs() < 0.01)
+    );
+    assert!(faulty(&bias, &velocity).iter().all(|(_, read, was)| read == was));
+    let garbage = faulty(&[fault(Sensor::Gnss, SensorFaultKind::Garbage)], &velocity);
+    assert!(during(&garbage).any(|(_, read, _)| read.abs() > 30.0));
+}
+
+/// Any kind of fault with parameters within its ranges.
+fn any_kind() -> impl Strategy<Value = SensorFaultKind> {
+    use SensorFaultKind::{Bias, Delayed, Drift, Garbage, Intermittent, Off, Spikes, Stuck};
+    prop_oneof![
+        Just(Off),
+        Just(Stuck),
+        Just(Garbage),
+        (-1e5..1e5).prop_map(|offset| Bias { offset }),
+        (-1e5..1e5).prop_map(|rate| Drift { rate }),
+        (-1e5..1e5, 0.001..1e4).prop_map(|(size, rate_1_s)| Spikes { size, rate_1_s }),
+        (1e-4..10.0).prop_map(|delay_s| Delayed { delay_s }),
+        (0.0..=1.0).prop_map(|loss| Intermittent { loss }),
+    ]
+}
+
+/// Any sound fault within the first second.
+fn any_fault() -> impl Strategy<Value = SensorFault> {
+    use Sensor::{Accelerometer, Baro, Battery, Flow, Gnss, Gyro, Mag, Range, RotorSpeed, Vision};
+    let sensors = [Gyro, Accelerometer, Baro, Mag, Gnss, Range, Flow, Vision, RotorSpeed, Battery];
+    let axis = prop::option::of(prop::sample::select(vec![SensorAxis::X, SensorAxis::Y, SensorAxis::Z]));
+    let flicker = Profile::Intermittent(Intermittent { on_mean_s: 0.1, off_mean_s: 0.1 });
+    let profile = prop::sample::select(vec![Profile::Step, Profile::Ramp(Ramp { rise_s: 0.5 }), flicker]);
+    let times = (0.0..0.5, 0.5..1.5);
+    let all = (any_kind(), prop::sample::select(sensors.to_vec()), 1..=2_u8, axis, times, profile);
+    all.prop_map(|(kind, sensor, unit, axis, (from_s, until_s), profile)| SensorFault {
+        kind,
+        sensor,
+        unit,
+        axis,
+        from_s,
+        until_s,
+        profile,
+    })
+    .prop_filter("sound", |fault| fault.check().is_ok())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    /// Whatever breaks, registers hold numbers, and stamps are of the flight.
+    #[test]
+    fn no_fault_makes_a_reading_that_is_not_a_number(
+        faults in prop::collection::vec(any_fault(), 0..5),
+        seed in any::<u64>(),
+    ) {
+        let keys = SensorKeys { imus: 2, baros: 2, ..all() };
+        let mut wrong = None;
+        Bench { keys, faults: &faults, seed, truth: &moving, ..Bench::default() }.run(1.0, |t_s, m| {
+            let text = format!("{m:?}");
+            let late = m.imu.is_some_and(|x| x.time_us as f64 > 1e6 * t_s + 100.0);
+            if text.contains("NaN") || text.contains("inf") || late {
+                wrong.get_or_insert((t_s, text));
+            }
+        });
+        prop_assert!(wrong.is_none(), "{wrong:?}");
+    }
 }
 
 fn parse(text: &str) -> Result<Scenario, String> {

@@ -339,3 +339,33 @@ fn a_second_unit_errs_by_itself() {
     assert!(bench.take(20.0, |m| m.baro_second_altitude_m).len() >= 999);
     assert!(Bench::default().take(1.0, |m| m.imu_second).is_empty(), "one unit unless told");
 }
+
+#[test]
+fn the_command_prints_how_wrong_each_sensor_of_a_flight_was() {
+    let result = system_tests::sim_host(&["sensors", "scenarios/sensors.toml"]);
+    let table = String::from_utf8(result.stdout).expect("text");
+    let row = |name: &str| -> Vec<f64> {
+        let line = table.lines().find(|line| line.contains(&format!(" {name} "))).expect("a row");
+        line.split_whitespace().filter_map(|cell| cell.parse().ok()).collect()
+    };
+    let [rate_hz, late_ms, gap_ms, mean, deviation, _] = row("vision north")[..] else { panic!("{table}") };
+    assert!((rate_hz - 100.0).abs() < 0.1 && (late_ms - 10.0).abs() < 2.0 && gap_ms < 20.0, "{table}");
+    assert!(mean.abs() < 1e-4 && (deviation - 0.001).abs() < 1e-4, "a millimetre of noise: {table}");
+    assert_eq!(table.lines().filter(|line| line.contains("rad/s")).count(), 7, "{table}");
+
+    let without = system_tests::sim_host(&["sensors", "scenarios/flight.toml"]);
+    let line = String::from_utf8(without.stderr).expect("text");
+    assert_eq!(without.status.code(), Some(2));
+    assert!(line.contains("scenarios/flight.toml: sensors: nothing: must be a table that names parts"), "{line}");
+}
+
+#[test]
+fn the_page_and_the_schema_have_every_part() {
+    let page = std::fs::read_to_string(system_tests::root().join("docs/sensors.md")).expect("the page");
+    let schema = system_tests::sim_host(&["schema"]);
+    let schema = String::from_utf8(schema.stdout).expect("text");
+    for part in ["icm42688p", "bmp388", "dps310", "qmc5883l", "ist8310", "m10", "pmw3901", "vl53l1x", "mocap", "dshot"]
+    {
+        assert!(page.contains(&format!("`{part}`")) && schema.contains(&format!("\"{part}\"")), "{part}");
+    }
+}

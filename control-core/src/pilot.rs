@@ -177,7 +177,8 @@ mod tests {
             ("from the future", Some(future), false),
             ("not a number", Some(bad), false),
         ] {
-            let reading = Pilot::UNHEARD.read(&shape(), frame.as_ref(), NOW_US);
+            let mut pilot = Pilot::UNHEARD;
+            let reading = pilot.read(&shape(), frame.as_ref(), NOW_US);
             assert_eq!(reading.sticks.forward > 0.9, heard, "{why}");
             assert_eq!(reading.age_s < 0.5, heard, "{why}");
             assert!(heard || reading.climb == 0.0, "{why}: the throttle is neutral, too");

@@ -1,4 +1,5 @@
 //! The command line.
+use crate::chronicle::{Chronicle, Happening};
 use crate::controllers::ControllerName;
 use crate::figures::{FIGURES, Trace, limits::Outcome, png, svg};
 use crate::flight::{Flight, NumberFormat, Sample};
@@ -54,6 +55,8 @@ enum Command {
 struct FlyArgs {
     /// The scenario, a TOML file.
     scenario: PathBuf,
+    #[command(flatten)]
+    with: With,
     /// Who flies.
     #[arg(long, value_enum, default_value_t = ControllerName::Lgs)]
     controller: ControllerName,
@@ -78,6 +81,8 @@ struct FlyArgs {
 struct CompareArgs {
     /// The scenario, a TOML file.
     scenario: PathBuf,
+    #[command(flatten)]
+    with: With,
     /// Who flies, separated by commas.
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = ControllerName::MAIN)]
     controllers: Vec<ControllerName>,
@@ -96,6 +101,14 @@ struct CompareArgs {
     /// Print results.json instead of the table.
     #[arg(long)]
     json: bool,
+}
+
+/// What is put after a scenario.
+#[derive(Args)]
+struct With {
+    /// Files whose tables are added to the scenario, such as the sensors of scenarios/kits; separated by commas.
+    #[arg(long, value_name = "FILE", value_delimiter = ',')]
+    with: Vec<PathBuf>,
 }
 
 /// Default rows of a log a second: beyond what a rigid body shows.
@@ -159,8 +172,8 @@ fn name_of(scenario: &Path) -> String {
     scenario.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-fn load(file: &Path) -> Result<Scenario, Failure> {
-    Scenario::load(file).map_err(Failure::bad_input)
+fn load(file: &Path, with: &With) -> Result<Scenario, Failure> {
+    Scenario::load_with(file, &with.with).map_err(Failure::bad_input)
 }
 
 fn refused(scenario: &Path, controller: ControllerName) -> impl FnOnce(control_core::ConfigError) -> Failure {
@@ -226,7 +239,7 @@ fn draw_limits(files: &mut Files, comparison: &Comparison) -> Result<Option<(&'s
 }
 
 fn fly(args: &FlyArgs) -> Result<(), Failure> {
-    let scenario = load(&args.scenario)?;
+    let scenario = load(&args.scenario, &args.with)?;
     let folder = folder(args.out.as_ref(), &args.scenario)?;
     let controller = args.controller;
     let seed = args.seed.unwrap_or(scenario.seed);
@@ -238,8 +251,10 @@ fn fly(args: &FlyArgs) -> Result<(), Failure> {
             Failure::bad_input(format!("--ticks {}: only lgs and default are known to the board", path.display()))
         })?),
     };
+    let mut chronicle = Chronicle::default();
     let flown = fly_measured(&flight, &mut |sample| {
         log.note(sample);
+        chronicle.step(sample);
         if let Some(ticks) = &mut ticks {
             ticks.note(sample);
         }
@@ -253,6 +268,9 @@ fn fly(args: &FlyArgs) -> Result<(), Failure> {
         std::fs::File::create(path).and_then(|file| ticks.write(file)).map_err(Failure::writing(path))?;
     }
     files.write(&folder).map_err(Failure::writing(&folder))?;
+    for Happening { t_s, what } in chronicle.happenings() {
+        say(&format!("{t_s:9.3} s  {what}\n"))?;
+    }
     say(&format!("{}log.csv and the figures are in {}\n", summary(&flown), folder.display()))
 }
 
@@ -271,7 +289,7 @@ fn summary(flown: &Flown) -> String {
 }
 
 fn compare(args: &CompareArgs) -> Result<(), Failure> {
-    let scenario = load(&args.scenario)?;
+    let scenario = load(&args.scenario, &args.with)?;
     let folder = folder(args.out.as_ref(), &args.scenario)?;
     let base = args.seed.unwrap_or(scenario.seed);
     let controllers = chosen(&args.controllers);

@@ -1,4 +1,5 @@
 //! One flight: plant, sensors, controller and faults in lock-step.
+use crate::aboard::Aboard;
 use crate::actuators::{Actuators, Told};
 use crate::controllers::ControllerName;
 use crate::ground::Ground;
@@ -6,9 +7,12 @@ use crate::plant::{Actuation, Truth};
 use crate::preflight;
 use crate::reference::Target;
 use crate::scenario::Scenario;
-use crate::sensors::{Carrier, SensorSuite, Sensors, World};
+use crate::sensors::{Carrier, Sensors, World};
+use crate::sortie::Decision;
 use crate::vehicle::Vehicle;
-use crate::wind::Gusts;
+use crate::wind::{Gust, Gusts};
+use control_core::estimate::Estimate;
+use control_core::estimation::EstimatorTelemetry;
 use control_core::measurement::Measurements;
 use control_core::{Config, ConfigError, Controller, Input, Output, Q16, Scalar, Telemetry, WiringFault};
 use rand::SeedableRng;
@@ -56,6 +60,14 @@ pub struct Sample<'a> {
     pub input: &'a Input,
     /// What has arrived from the sensors, if the scenario names any.
     pub measurements: &'a Measurements,
+    /// The board's clock, s.
+    pub clock_s: f64,
+    /// What is believed of the motion, if the scenario names sensors.
+    pub estimate: Option<&'a Estimate>,
+    /// How the estimator and its sources are, if there are any.
+    pub estimator: Option<&'a EstimatorTelemetry>,
+    /// What the autopilot decided, if it flies.
+    pub decision: Option<&'a Decision<'a>>,
     /// What it answers.
     pub output: &'a Output,
     /// What its answer asks of the body: u1 in N, u2 to u4 in N m.
@@ -230,6 +242,9 @@ impl Flight<'_> {
         {
             return Ok(Some(Ending::Refused(Refusal { fault })));
         }
+        if let Some(keys) = &self.scenario.autopilot {
+            return self.fly_sortie(keys, config, observe);
+        }
         match self.format {
             NumberFormat::F32 => self.fly_in::<f32>(config, observe),
             NumberFormat::F64 => self.fly_in::<f64>(config, observe),
@@ -249,13 +264,14 @@ impl Flight<'_> {
         let ground = Ground { altitude_m: scenario.ground_altitude_m };
         let mut plant = scenario.plant.hovering(&vehicle, ground, scenario.reference.start_altitude_m());
         let mut sensors = Sensors::new(scenario.noise, random(self.seed, Stream::Noise));
-        let mut suite = self.suite(&vehicle, ground);
         let torques = random(self.seed, Stream::Torque);
         let mut gusts = Gusts::new(scenario.wind, random(self.seed, Stream::Wind), torques);
         let dt_s = 1.0 / scenario.control_hz();
         let mut actuators = Actuators::new(&vehicle, &scenario.fault, dt_s, random(self.seed, Stream::Fault));
         let mut actuation = Actuation { drives: actuators.hovering(), gust: gusts.step(dt_s) };
+        let mut aboard = self.aboard(&vehicle, ground, &plant.truth(&actuation), &actuators);
         let late = (scenario.oracle_delay_s * scenario.control_hz()).round() as usize;
+        let nothing = Measurements::default();
         let mut news = VecDeque::from(vec![[1.0; 4]; late]);
         let ticks = (scenario.duration_s * scenario.control_hz()).round() as usize;
         for tick in 0..ticks {
@@ -266,11 +282,15 @@ impl Flight<'_> {
                 drive.share = share;
             }
             let truth = plant.truth(&actuation);
-            let measurements = suite.as_mut().map_or_else(Measurements::default, |suite| {
-                let (vibration, rotor_n) = (actuators.vibration(), &plant.rotor_n(&actuation));
-                suite.sample(&World { t_s, truth: &truth, vibration, rotor_n, gust: &actuation.gust })
-            });
-            let input = sensors.sample(&truth, actuators.vibration(), &target, dt_s);
+            let mut input = sensors.sample(&truth, actuators.vibration(), &target, dt_s);
+            if let Some(aboard) = &mut aboard {
+                let (vibration, voltage) = (actuators.vibration(), actuators.voltage());
+                let rotor_n = &plant.rotor_n(&actuation);
+                aboard.step(&World { t_s, truth: &truth, vibration, rotor_n, gust: &actuation.gust, voltage });
+                if aboard.is_flown() {
+                    input = aboard.input(target.setpoint());
+                }
+            }
             let told = actuators.told();
             news.push_back(told.truth);
             let known = news.pop_front().unwrap_or(told.truth);
@@ -287,7 +307,11 @@ impl Flight<'_> {
                 target: &target,
                 truth: &truth,
                 input: &input,
-                measurements: &measurements,
+                measurements: aboard.as_ref().map_or(&nothing, Aboard::measurements),
+                clock_s: aboard.as_ref().map_or(t_s, |aboard| aboard.clock_us(t_s) as f64 * 1e-6),
+                estimate: aboard.as_ref().map(Aboard::estimate),
+                estimator: aboard.as_ref().map(|aboard| aboard.telemetry(t_s)).as_ref(),
+                decision: None,
                 output: &output,
                 telemetry: &telemetry,
                 effectiveness: &effectiveness,
@@ -303,12 +327,23 @@ impl Flight<'_> {
         Ok(None)
     }
 
-    /// The sensors, if the scenario names any.
-    fn suite(&self, vehicle: &Vehicle, ground: Ground) -> Option<SensorSuite> {
+    /// Sensors and estimator, if the scenario names any. Those that are flown have seen the start for a while.
+    pub(crate) fn aboard(
+        &self,
+        vehicle: &Vehicle,
+        ground: Ground,
+        start: &Truth,
+        actuators: &Actuators,
+    ) -> Option<Aboard> {
         let Self { scenario, seed, .. } = *self;
-        let (control_hz, ground_altitude_m) = (scenario.control_hz(), ground.altitude_m);
-        let carrier = Carrier { vehicle, ground_altitude_m, control_hz, seed };
-        Some(SensorSuite::new(scenario.sensors.as_ref()?, &scenario.sensor_fault, &carrier))
+        let keys = scenario.sensors.as_ref()?;
+        let carrier =
+            Carrier { vehicle, ground_altitude_m: ground.altitude_m, control_hz: scenario.control_hz(), seed };
+        let mut aboard = Aboard::new(keys, &scenario.sensor_fault, &carrier);
+        let (vibration, gust) = (actuators.vibration(), &Gust::default());
+        let voltage = actuators.voltage();
+        aboard.hold(&World { t_s: 0.0, truth: start, vibration, rotor_n: &start.thrust_n, gust, voltage });
+        Some(aboard)
     }
 
     /// Whether this is the end of the flight.

@@ -2,7 +2,9 @@
 //!
 //! This crate stands in for the airframe and the weather. It holds no control logic: every flight calls
 //! [`control_core::Controller::tick`], as the board does. Here alone random numbers are drawn.
+pub mod aboard;
 pub mod actuators;
+pub mod chronicle;
 pub mod cli;
 pub mod controllers;
 pub mod detection;
@@ -20,5 +22,6 @@ pub mod reference;
 pub mod report;
 pub mod scenario;
 pub mod sensors;
+pub mod sortie;
 pub mod vehicle;
 pub mod wind;

@@ -121,6 +121,8 @@ pub struct World<'a> {
     pub rotor_n: &'a [f64; 4],
     /// The air.
     pub gust: &'a Gust,
+    /// Voltage that is left of a healthy battery's, a share.
+    pub voltage: f64,
 }
 
 /// The random numbers of one sensor, of its first unit or of its second.

@@ -94,8 +94,14 @@ impl Bench<'_> {
         for tick in 0..(duration_s * HZ) as u32 {
             let t_s = f64::from(tick) / HZ;
             let (truth, vibration) = ((self.truth)(t_s), (self.vibration)(t_s));
-            let world =
-                World { t_s, truth: &truth, vibration: &vibration, rotor_n: &self.rotor_n, gust: &Gust::default() };
+            let world = World {
+                t_s,
+                truth: &truth,
+                vibration: &vibration,
+                rotor_n: &self.rotor_n,
+                gust: &Gust::default(),
+                voltage: 1.0,
+            };
             see(t_s, &suite.sample(&world));
         }
     }

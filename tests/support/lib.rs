@@ -9,6 +9,7 @@ use std::sync::OnceLock;
 
 pub mod bench;
 pub mod estimation;
+pub mod garbage;
 pub mod motion;
 pub mod rig;
 pub mod symbols;

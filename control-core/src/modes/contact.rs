@@ -47,7 +47,7 @@ pub struct Facts {
     pub lift: bool,
     /// Whether the rotors have spooled up.
     pub spooled: bool,
-    /// Whether the ground has borne the machine for [`STANDING_S`].
+    /// Whether the ground has borne the machine long enough.
     pub borne: bool,
 }
 
@@ -105,7 +105,7 @@ impl Feet {
             && felt.rate_rad_s.norm_squared() < STILL_RAD_S * STILL_RAD_S;
         let stops = felt.pressed.is_some_and(|(m, m_s)| m > PRESSED_M && m_s.abs() < STOPPED_M_S);
         self.borne_s = if bears || stops { (self.borne_s + dt_s).min(STANDING_S) } else { 0.0 };
-        self.spooling_s += dt_s;
+        self.spooling_s += if self.contact == Contact::Spooling { dt_s } else { 0.0 };
         let next = self.contact.next(&Facts {
             armed: felt.armed,
             lift: felt.lift,

@@ -24,7 +24,7 @@ parameters! {
     StickExpo "STICK_EXPO" [""] 0.0..=0.9, 0.3, "How much finer the sticks are about their centre: 0 is straight.";
     ManualTilt "MAN_TILT_MAX" ["deg"] 5.0..=45.0, 30.0, "Tilt at full stick in angle and altitude hold.";
     ManualRate "MAN_RATE_MAX" ["deg/s"] 20.0..=400.0, 150.0, "Roll and pitch rate at full stick in rate mode.";
-    ManualYaw "MAN_YAW_MAX" ["deg/s"] 10.0..=200.0, 90.0, "Yaw rate at full stick.";
+    ManualYaw "MAN_YAW_MAX" ["deg/s"] 10.0..=120.0, 90.0, "Yaw rate at full stick; the yaw guard brakes from 143 on.";
     SpeedMax "POS_SPEED_MAX" ["m/s"] 0.5..=15.0, 5.0, "Horizontal speed at full stick in position hold.";
     AccelerationMax "POS_ACC_MAX" ["m/s2"] 0.3..=4.0, 2.5, "Horizontal acceleration in position hold and return.";
     ClimbMax "ALT_CLIMB_MAX" ["m/s"] 0.2..=6.0, 2.0, "Climb rate at full stick.";

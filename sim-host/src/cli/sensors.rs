@@ -1,5 +1,5 @@
 //! `sim-host sensors`: how wrong each sensor of a flight was, beside the truth.
-use super::{Failure, load, refused, say};
+use super::{Failure, With, load, refused, say};
 use crate::controllers::ControllerName;
 use crate::flight::{Flight, NumberFormat};
 use crate::sensors::Account;
@@ -11,6 +11,8 @@ use std::path::PathBuf;
 pub(super) struct SensorsArgs {
     /// The scenario, a TOML file with a table `[sensors]`.
     scenario: PathBuf,
+    #[command(flatten)]
+    with: With,
     /// Who flies.
     #[arg(long, value_enum, default_value_t = ControllerName::Default)]
     controller: ControllerName,
@@ -20,7 +22,7 @@ pub(super) struct SensorsArgs {
 }
 
 pub(super) fn sensors(args: &SensorsArgs) -> Result<(), Failure> {
-    let scenario = load(&args.scenario)?;
+    let scenario = load(&args.scenario, &args.with)?;
     let Some(keys) = &scenario.sensors else {
         let file = args.scenario.display();
         return Err(Failure::bad_input(format!("{file}: sensors: nothing: must be a table that names parts")));

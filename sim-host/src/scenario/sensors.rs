@@ -1,6 +1,7 @@
 //! Sensors and sensor faults that make no sense: out of range, of parts that are not there, or together.
 use super::Scenario;
 use super::check::{Check, Wrong, range, refuse};
+use crate::aboard::estimator;
 use crate::fault::sensors::{Sensor, SensorFault};
 use crate::sensors::{Each, SensorKeys};
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -10,6 +11,11 @@ impl Scenario {
     pub(super) fn check_sensors(&self) -> Check {
         if let Some(keys) = &self.sensors {
             self.check_sensor_keys(keys)?;
+            estimator(keys, self.control_hz()).map_err(|error| Wrong {
+                key: "sensors".to_owned(),
+                value: error.to_string(),
+                allowed: "what the estimator can fly with".to_owned(),
+            })?;
         }
         for (i, fault) in self.sensor_fault.iter().enumerate() {
             let key = format!("sensor_fault[{i}]");
@@ -31,6 +37,9 @@ impl Scenario {
     }
 
     fn check_sensor_keys(&self, keys: &SensorKeys) -> Check {
+        if keys.flown && keys.imu.is_none() {
+            return refuse("sensors.flown", true, "false without an imu: there is nothing to estimate a motion from");
+        }
         range("sensors.imus", f64::from(keys.imus), 1.0, 2.0)?;
         range("sensors.baros", f64::from(keys.baros), 1.0, 2.0)?;
         let fastest_hz = self.control_hz();

@@ -213,7 +213,7 @@ impl Account {
 
     /// Notes one tick.
     pub fn note(&mut self, sample: &Sample) {
-        let (t_s, truth) = (sample.t_s, *sample.truth);
+        let (t_s, truth) = (sample.clock_s, *sample.truth);
         let rotor_rad_s = std::array::from_fn(|i| {
             let share = sample.effectiveness[i];
             let rotor_n = if share == 0.0 { 0.0 } else { truth.thrust_n[i] / share };
@@ -251,7 +251,7 @@ impl Account {
                 channel.name.to_owned(),
                 channel.unit.to_owned(),
                 format!("{:.1}", track.samples / self.end_s),
-                format!("{:.1}", 1e3 * track.late_s / track.samples),
+                format!("{:.1}", 1e3 * track.late_s.max(0.0) / track.samples),
                 format!("{:.0}", 1e3 * gap_s),
                 format!("{mean:.4}"),
                 format!("{deviation:.4}"),

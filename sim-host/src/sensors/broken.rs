@@ -14,6 +14,11 @@ use std::collections::VecDeque;
 pub(super) trait Reading: Copy {
     /// Its numbers, in the order of the axes.
     fn channels(&mut self) -> &mut [f64];
+
+    /// These, and after them those in another unit, which only what decides the whole reading changes.
+    fn everything(&mut self) -> &mut [f64] {
+        self.channels()
+    }
 }
 
 impl<const N: usize> Reading for [f64; N] {
@@ -60,10 +65,10 @@ impl<R: Reading> Occurrence<R> {
         since_s
     }
 
-    /// Changes the channels it is on.
-    fn change(&self, reading: &mut R, mut change: impl FnMut(usize, &mut f64)) {
+    /// Changes those of `channels` that it is on.
+    fn change(&self, channels: &mut [f64], mut change: impl FnMut(usize, &mut f64)) {
         let axis = self.fault.axis.map(SensorAxis::index);
-        for (i, channel) in reading.channels().iter_mut().enumerate() {
+        for (i, channel) in channels.iter_mut().enumerate() {
             if axis.is_none_or(|axis| axis == i) {
                 change(i, channel);
             }
@@ -111,17 +116,17 @@ impl<R: Reading> Broken<R> {
             let since_s = fault.advance(t_s);
             let level = fault.level;
             match fault.fault.kind {
-                SensorFaultKind::Bias { offset } => fault.change(&mut reading, |_, x| *x += offset * level),
+                SensorFaultKind::Bias { offset } => fault.change(reading.channels(), |_, x| *x += offset * level),
                 SensorFaultKind::Drift { rate } => {
                     // What has drifted goes with the fault.
                     let there = fault.fault.is_active(t_s);
                     fault.drifted = if there { fault.drifted + rate * level * since_s } else { 0.0 };
-                    fault.change(&mut reading, |_, x| *x += fault.drifted);
+                    fault.change(reading.channels(), |_, x| *x += fault.drifted);
                 }
                 SensorFaultKind::Spikes { size, rate_1_s } => {
                     let (met, up) = (fault.chance.even(), fault.chance.even() < 0.5);
                     if met < 1.0 - libm::exp(-rate_1_s * level * since_s) {
-                        fault.change(&mut reading, |_, x| *x += if up { size } else { -size });
+                        fault.change(reading.channels(), |_, x| *x += if up { size } else { -size });
                     }
                 }
                 SensorFaultKind::Delayed { delay_s: most_s } => delay_s += most_s * level,
@@ -129,12 +134,12 @@ impl<R: Reading> Broken<R> {
                     let mut stuck = *fault.stuck.get_or_insert(reading);
                     match fault.fault.axis {
                         None => reading = stuck,
-                        Some(_) => fault.change(&mut reading, |i, x| *x = stuck.channels()[i]),
+                        Some(_) => fault.change(reading.channels(), |i, x| *x = stuck.channels()[i]),
                     }
                 }
                 SensorFaultKind::Garbage if level > 0.0 => {
-                    let draws: Vec<f64> = reading.channels().iter().map(|_| fault.chance.even()).collect();
-                    fault.change(&mut reading, |i, x| {
+                    let draws: Vec<f64> = reading.everything().iter().map(|_| fault.chance.even()).collect();
+                    fault.change(reading.everything(), |i, x| {
                         let (low, high) = span(i);
                         *x = low + (high - low) * draws[i];
                     });

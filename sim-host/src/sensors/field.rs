@@ -17,10 +17,19 @@ use control_core::frames::{Body, Vec3};
 use control_core::measurement::Stamped;
 use nalgebra::{Matrix3, Vector3};
 
-/// Hard iron as built, and after a calibration, each axis, 1 σ, µT.
-const HARD_UT: (f64, f64) = (10.0, 0.5);
-/// Soft iron as built, and after a calibration, each element, 1 σ.
-const SOFT: (f64, f64) = (0.05, 0.01);
+/// What is wrong with the field at the magnetometer.
+struct Iron {
+    /// Hard iron, each axis, 1 σ, µT.
+    hard_ut: f64,
+    /// Soft iron, each element, 1 σ.
+    soft: f64,
+    /// Share of the current's field that is there.
+    current: f64,
+}
+
+const AS_BUILT: Iron = Iron { hard_ut: 10.0, soft: 0.05, current: 1.0 };
+/// With the motors' field measured and taken off, too.
+const CALIBRATED: Iron = Iron { hard_ut: 0.3, soft: 0.005, current: 0.2 };
 
 impl EarthKeys {
     /// The field, NED, µT.
@@ -51,16 +60,16 @@ impl MagModel {
         let sheet = part.sheet();
         let tuned = keys.tuned(sheet.timing, |each| each.mag);
         let mut chance = stream(seed, Sensor::Mag, 1);
-        let (hard_ut, soft) = if keys.calibrated { (HARD_UT.1, SOFT.1) } else { (HARD_UT.0, SOFT.0) };
+        let iron = if keys.calibrated { CALIBRATED } else { AS_BUILT };
         Self {
             line: Line::new(tuned.timing, chance.even()),
             broken: Broken::new(faults, Sensor::Mag, 1, seed),
             noise: tuned.noise,
             period_s: 1.0 / tuned.timing.rate_hz,
             field_ut: keys.earth.field_ned_ut().into(),
-            soft: Matrix3::from_fn(|_, _| soft * tuned.noise * chance.normal()),
-            hard_ut: chance.normals() * (hard_ut * tuned.noise),
-            current_ut_a: keys.mag_ut_per_a.into(),
+            soft: Matrix3::from_fn(|_, _| iron.soft * tuned.noise * chance.normal()),
+            hard_ut: chance.normals() * (iron.hard_ut * tuned.noise),
+            current_ut_a: Vector3::from(keys.mag_ut_per_a) * iron.current,
             chance,
             sheet,
         }

@@ -8,7 +8,7 @@
 //! what it has changed since counts. The receiver's own estimate of its error holds all of s, and follows multipath: half
 //! from its statistics, half from its size now. In a drop-out fixes go on, marked as none, at the last position.
 use super::World;
-use super::broken::Broken;
+use super::broken::{Broken, Reading};
 use super::chance::{Chance, GaussMarkov, register};
 use super::keys::{SensorKeys, SkyKeys};
 use super::line::Line;
@@ -24,12 +24,26 @@ const LOST_SIGMA: f32 = 1000.0;
 /// Largest readings that garbage makes, m and m/s.
 const SPAN: (f64, f64) = (1000.0, 50.0);
 
+/// Position and velocity; offsets are of the position.
+#[derive(Clone, Copy)]
+struct Fix([f64; 6]);
+
+impl Reading for Fix {
+    fn channels(&mut self) -> &mut [f64] {
+        &mut self.0[..3]
+    }
+
+    fn everything(&mut self) -> &mut [f64] {
+        &mut self.0
+    }
+}
+
 /// A receiver in flight.
 pub(super) struct GnssModel {
     sheet: GnssSheet,
     line: Line<Gnss>,
     chance: Chance,
-    broken: Broken<[f64; 6]>,
+    broken: Broken<Fix>,
     sky: SkyKeys,
     noise: f64,
     period_s: f64,
@@ -103,7 +117,7 @@ impl GnssModel {
         let p = self.last;
         let v = if fixed { world.truth.velocity_m_s + multipath_m_s + white_m_s } else { Vector3::zeros() };
         let span = |i: usize| if i < 3 { (-SPAN.0, SPAN.0) } else { (-SPAN.1, SPAN.1) };
-        let read = self.broken.read(world.t_s, [p.x, p.y, p.z, v.x, v.y, v.z], span);
+        let Fix(read) = self.broken.read(world.t_s, Fix([p.x, p.y, p.z, v.x, v.y, v.z]), span);
         let lsb = |i: usize| if i < 3 { sheet.lsb_m[i] } else { sheet.lsb_m_s };
         let [x, y, z, vx, vy, vz] = std::array::from_fn(|i| register(read[i], lsb(i), (f64::MIN, f64::MAX)));
 

@@ -16,6 +16,8 @@ pub enum RotorSpeedPart {
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorKeys {
+    /// Whether controllers fly on what an estimator makes of the sensors; else they are shown the truth with `[noise]`.
+    pub flown: bool,
     /// Inertial unit.
     pub imu: Option<ImuPart>,
     /// How many of it, 1 or 2.
@@ -54,7 +56,7 @@ pub struct SensorKeys {
     pub light_lux: f64,
     /// Share of the ground's image that has texture, 0 to 1.
     pub texture: f64,
-    /// Magnetic field of the motor current at the magnetometer, body axes, µT/A.
+    /// Magnetic field of the motor current at the magnetometer, body axes, µT/A; a calibration leaves a fifth of it.
     pub mag_ut_per_a: [f64; 3],
     /// Current of all motors in a hover, A.
     pub hover_a: f64,
@@ -69,6 +71,7 @@ pub struct SensorKeys {
 impl Default for SensorKeys {
     fn default() -> Self {
         Self {
+            flown: false,
             imu: None,
             imus: 1,
             baro: None,

@@ -1,10 +1,10 @@
 //! What the power train tells: motor current, battery voltage, and rotor speeds.
 //!
 //! ```text
-//! I = I_hover Σ (F_i / F_hover)^1.5 / 4      V = cells · ocv(charge) − R I + σ n      Ω = √(F / b)
+//! I = I_hover Σ (F_i / F_hover)^1.5 / 4      V = k (cells · ocv(charge) − R I) + σ n      Ω = √(F / b)
 //! ```
 //!
-//! A rotor's power goes with the 1.5th power of its thrust (momentum theory), and its current with its power. A speed
+//! k is what a battery fault leaves. A rotor's power goes with the 1.5th power of its thrust (momentum theory), and its current with its power. A speed
 //! controller tells the period of an electric turn in µs, as nine bits shifted left by up to seven: the grid of the reading.
 use super::World;
 use super::broken::Broken;
@@ -81,7 +81,8 @@ impl BatteryModel {
         self.charge = (self.charge - current_a * self.dt_s / (3600.0 * capacity_ah)).max(0.0);
         if self.line.is_due(world.t_s) {
             let rest_v = f64::from(cells) * cell_v(self.charge);
-            let there_v = rest_v - resistance_ohm * current_a + VOLTAGE_NOISE_V * self.noise * self.chance.normal();
+            let there_v = world.voltage * (rest_v - resistance_ohm * current_a)
+                + VOLTAGE_NOISE_V * self.noise * self.chance.normal();
             let span_v = (0.0, VOLTAGE_MAX_V);
             let [read_v] = self.broken.read(world.t_s, [there_v], |_| span_v);
             let lost = self.broken.is_lost();

@@ -65,7 +65,7 @@ impl VisionModel {
                 position_m: narrow(&position_m.map(|x| register(x, lsb_m, (-span_m, span_m)))),
                 attitude: Attitude { rows: std::array::from_fn(|i| std::array::from_fn(|j| attitude[(i, j)] as f32)) },
                 position_sigma_m: (noise_m * self.noise) as f32,
-                attitude_sigma_rad: (noise_rad.hypot(alignment_rad) * self.noise) as f32,
+                attitude_sigma_rad: (libm::hypot(noise_rad, alignment_rad) * self.noise) as f32,
             };
             self.line.send(world.t_s, (!lost).then_some(vision), &mut self.chance);
         }
