@@ -1,4 +1,5 @@
 //! The command line.
+use crate::chronicle::{Chronicle, Happening};
 use crate::controllers::ControllerName;
 use crate::figures::{FIGURES, Trace, limits::Outcome, png, svg};
 use crate::flight::{Flight, NumberFormat, Sample};
@@ -255,8 +256,10 @@ fn fly(args: &FlyArgs) -> Result<(), Failure> {
             Failure::bad_input(format!("--ticks {}: only lgs and default are known to the board", path.display()))
         })?),
     };
+    let mut chronicle = Chronicle::default();
     let flown = fly_measured(&flight, &mut |sample| {
         log.note(sample);
+        chronicle.step(sample);
         if let Some(ticks) = &mut ticks {
             ticks.note(sample);
         }
@@ -270,6 +273,9 @@ fn fly(args: &FlyArgs) -> Result<(), Failure> {
         std::fs::File::create(path).and_then(|file| ticks.write(file)).map_err(Failure::writing(path))?;
     }
     files.write(&folder).map_err(Failure::writing(&folder))?;
+    for Happening { t_s, what } in chronicle.happenings() {
+        say(&format!("{t_s:9.3} s  {what}\n"))?;
+    }
     say(&format!("{}log.csv and the figures are in {}\n", summary(&flown), folder.display()))
 }
 

@@ -40,6 +40,22 @@ pub enum Source {
     Vision,
 }
 
+impl fmt::Display for Source {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Inertial => "inertial unit",
+            Self::InertialSecond => "second inertial unit",
+            Self::Gnss => "satellite receiver",
+            Self::Barometer => "barometer",
+            Self::BarometerSecond => "second barometer",
+            Self::Magnetometer => "magnetometer",
+            Self::Range => "range",
+            Self::Flow => "optical flow",
+            Self::Vision => "external vision",
+        })
+    }
+}
+
 /// Number of sources.
 pub const SOURCES: usize = 9;
 
