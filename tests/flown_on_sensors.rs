@@ -1,6 +1,6 @@
 //! The controller on its own estimate: the faults of truth-fed flights again, with motion capture, on satellites, on optical flow.
 //!
-//! `cargo test --release -p system-tests --test flown_on_sensors -- --nocapture` prints the tables of docs/flown-on-sensors.md.
+//! `cargo test --release -p system-tests --test flown_on_sensors -- --nocapture` prints the tables of docs/estimation.md.
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use sim_host::aboard::{Account, Verdict};
