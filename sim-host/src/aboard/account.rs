@@ -14,8 +14,8 @@ const BIASES: [usize; 2] = [9, 12];
 /// The facts of [`Health`], in order.
 const FACTS: [&str; 6] = ["rates", "tilt", "heading", "altitude", "velocity", "position"];
 
-fn facts(health: &Health) -> [bool; 6] {
-    let Health { rates, tilt, heading, altitude, velocity, position } = *health;
+fn facts(health: Health) -> [bool; 6] {
+    let Health { rates, tilt, heading, altitude, velocity, position } = health;
     [rates, tilt, heading, altitude, velocity, position]
 }
 
@@ -214,7 +214,7 @@ impl Account {
             self.verdict.bias_sigmas_max[half] = self.verdict.bias_sigmas_max[half].max(sigmas);
         }
 
-        for ((lost, holds), fact) in self.lost.iter_mut().zip(facts(&estimate.health)).zip(FACTS) {
+        for ((lost, holds), fact) in self.lost.iter_mut().zip(facts(estimate.health)).zip(FACTS) {
             if !holds {
                 lost.get_or_insert(Lost { fact, from_s: sample.t_s, for_s: 0.0 }).for_s += 1.0 / LOOKS_HZ;
             }

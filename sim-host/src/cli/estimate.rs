@@ -65,7 +65,7 @@ pub(super) fn estimate(args: &EstimateArgs) -> Result<(), Failure> {
     if args.json {
         return say(&format!("{:#}\n", in_json(args, base, &flights, consistency)));
     }
-    say(&(in_words(&flights, consistency)))
+    say(&in_words(&flights, consistency))
 }
 
 /// Median and worst of a quantity. The worst of a share is the least.
@@ -101,21 +101,18 @@ fn in_words(flights: &[Judged], consistency: Option<Consistency>) -> String {
     for column in table.column_iter_mut().skip(1).take(2) {
         column.set_cell_alignment(CellAlignment::Right);
     }
-    let mut text = format!("{table}\n");
-    if let Some(Consistency { mean, band: (low, high), inside }) = consistency {
-        text += &format!(
-            "NEES, mean of {} flights: {mean:.2} over their time; at one time 95 % should be from {low:.2} to {high:.2}, and {:.0} % are\n",
+    let nees = consistency.map(|Consistency { mean, band: (low, high), inside }| {
+        let percent = 100.0 * inside;
+        format!(
+            "NEES, mean of {} flights: {mean:.2} over their time; from {low:.2} to {high:.2} at {percent:.0} % of it, where 95 % is right\n",
             flights.len(),
-            100.0 * inside,
-        );
-    }
-    for flight in flights {
-        let remarks = remarks(flight);
-        if !remarks.is_empty() {
-            text += &format!("seed {}: {}\n", flight.seed, remarks.join("; "));
-        }
-    }
-    text
+        )
+    });
+    let happened =
+        flights.iter().map(|flight| (flight.seed, remarks(flight))).filter(|(_, remarks)| !remarks.is_empty());
+    let happened = happened.map(|(seed, remarks)| format!("seed {seed}: {}\n", remarks.join("; ")));
+    let head = format!("{table}\n");
+    std::iter::once(head).chain(nees).chain(happened).collect()
 }
 
 fn in_json(args: &EstimateArgs, base: u64, flights: &[Judged], consistency: Option<Consistency>) -> Value {
