@@ -8,6 +8,7 @@ use std::process::{Command, Output};
 use std::sync::OnceLock;
 
 pub mod bench;
+pub mod estimation;
 pub mod garbage;
 pub mod motion;
 pub mod rig;

@@ -353,7 +353,7 @@ impl World {
 }
 
 /// `exp(θ) R` for a small θ, made a rotation by its second-order term.
-fn turned(theta: [f64; 3], rows: &[[f64; 3]; 3]) -> [[f32; 3]; 3] {
+pub fn turned(theta: [f64; 3], rows: &[[f64; 3]; 3]) -> [[f32; 3]; 3] {
     let [x, y, z] = theta;
     let cross = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]];
     let second = |i: usize, j: usize| (0..3).map(|k| cross[i][k] * cross[k][j]).sum::<f64>() / 2.0;

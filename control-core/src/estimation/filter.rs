@@ -18,6 +18,10 @@ const ACCELEROMETER_BIAS_M_S2_MAX: f32 = 1.5;
 /// How well the difference of two inertial units is known, rad/s and m/s².
 const TRADE_RAD_S: f32 = 0.002;
 const TRADE_M_S2: f32 = 0.05;
+/// How far tilt and biases may be off where the velocity was, rad, rad/s and m/s².
+const DOUBT_RAD: f32 = 0.1;
+const DOUBT_RAD_S: f32 = 0.01;
+const DOUBT_M_S2: f32 = 0.2;
 /// Standard deviation of a state that nothing is known of: velocity, m/s, and position, m.
 pub(crate) const UNKNOWN_M_S: f32 = 3.0;
 pub(crate) const UNKNOWN_M: f32 = 100.0;
@@ -144,7 +148,9 @@ impl Filter {
     }
 
     /// Takes a group of observations in, if all are within the gate.
-    pub(crate) fn fuse(&mut self, observations: &[Observation], gate_sigma: f32) -> Fusion {
+    ///
+    /// - `bias`: what the source may be off by for long, 1 σ. What is known better already is left as it is: noise averages out, this does not.
+    pub(crate) fn fuse(&mut self, observations: &[Observation], gate_sigma: f32, bias: f32) -> Fusion {
         let ratio_of = |o: &Observation| {
             o.innovation * o.innovation / (gate_sigma * gate_sigma * (self.covariance.seen(o) + o.variance))
         };
@@ -152,6 +158,9 @@ impl Filter {
             observations.iter().map(ratio_of).fold(0.0, |worst, ratio| if ratio <= worst { worst } else { ratio });
         if !(ratio <= 1.0) {
             return Fusion { ratio, taken: false };
+        }
+        if observations.iter().all(|o| self.covariance.seen(o) < bias * bias) {
+            return Fusion { ratio, taken: true };
         }
         let mut error = [0.0; STATES];
         if !observations.iter().all(|o| self.covariance.observe(o, &mut error)) {
@@ -196,8 +205,14 @@ impl Filter {
         let mut jump = measured_m - past.position_m;
         jump.z = 0.0;
         self.shift(Vec3::zero(), jump);
-        self.covariance.reset(POSITION, sigma_m * sigma_m);
-        self.covariance.reset(POSITION + 1, sigma_m * sigma_m);
+        self.forget_position(0, past, sigma_m);
+        self.forget_position(1, past, sigma_m);
+    }
+
+    /// Makes the position along an axis what a measurement says of it: known then, and since then as well as the velocity.
+    fn forget_position(&mut self, axis: usize, past: &Past, sigma_m: f32) {
+        self.covariance.reset(POSITION + axis, sigma_m * sigma_m);
+        self.covariance.add_multiple(VELOCITY + axis, POSITION + axis, past.delay_s);
     }
 
     /// Takes the altitude from a measurement that is absolute; the barometer's offset and the ground move with it.
@@ -213,7 +228,7 @@ impl Filter {
         self.barometer_offset_m += jump_m;
         self.ground_m = self.ground_m.map(|ground_m| ground_m + jump_m);
         let (barometer_m, range_m) = (config.aiding.barometer_m, config.aiding.range_m);
-        self.covariance.reset(DOWN, sigma_m * sigma_m);
+        self.forget_position(2, past, sigma_m);
         self.covariance.copy(DOWN, BARO_OFFSET, barometer_m * barometer_m);
         self.covariance.copy(DOWN, GROUND, range_m * range_m);
     }
@@ -229,6 +244,7 @@ impl Filter {
         let jump_m = self.barometer_offset_m - altitude_m - past.position_m.z;
         self.shift(Vec3::zero(), Vec3::new(0.0, 0.0, jump_m));
         self.covariance.copy(BARO_OFFSET, DOWN, sigma_m * sigma_m);
+        self.covariance.add_multiple(VELOCITY + 2, DOWN, past.delay_s);
     }
 
     /// Takes the ground from a range of `height_m` above it, of standard deviation `sigma_m`.
@@ -238,11 +254,18 @@ impl Filter {
     }
 
     /// Takes the velocity from a measurement and forgets what was believed of it.
+    ///
+    /// What led it astray is doubted as well: tilt and biases.
     pub(crate) fn launch(&mut self, past: &Past, measured_m_s: Vec3<Ned>, sigma_m_s: f32) {
         self.shift(measured_m_s - past.velocity_m_s, Vec3::zero());
         for axis in 0..3 {
             self.covariance.reset(VELOCITY + axis, sigma_m_s * sigma_m_s);
         }
+        self.covariance.add_noise(&spread([
+            (ATTITUDE, DOUBT_RAD),
+            (GYRO_BIAS, DOUBT_RAD_S),
+            (ACCELEROMETER_BIAS, DOUBT_M_S2),
+        ]));
     }
 
     /// Turns the heading by an angle and forgets what was believed of it.
@@ -259,10 +282,7 @@ impl Filter {
         let nominal = &mut self.nominal;
         nominal.gyro_bias_rad_s = nominal.gyro_bias_rad_s + rate_rad_s;
         nominal.accelerometer_bias_m_s2 = nominal.accelerometer_bias_m_s2 + force_m_s2;
-        let mut unsure = [0.0; STATES];
-        unsure[GYRO_BIAS..GYRO_BIAS + 3].fill(TRADE_RAD_S * TRADE_RAD_S);
-        unsure[ACCELEROMETER_BIAS..ACCELEROMETER_BIAS + 3].fill(TRADE_M_S2 * TRADE_M_S2);
-        self.covariance.add_noise(&unsure);
+        self.covariance.add_noise(&spread([(GYRO_BIAS, TRADE_RAD_S), (ACCELEROMETER_BIAS, TRADE_M_S2)]));
     }
 
     /// Whether it may be believed at all.
@@ -273,6 +293,15 @@ impl Filter {
             + self.nominal.accelerometer_bias_m_s2.norm_squared();
         self.nominal.rotation.is_sound() && sum < 1e6 && !self.broken && self.covariance.is_sound()
     }
+}
+
+/// Variances of three states each, from standard deviations.
+fn spread<const N: usize>(blocks: [(usize, f32); N]) -> [f32; STATES] {
+    let mut variances = [0.0; STATES];
+    for (first, sigma) in blocks {
+        variances[first..first + 3].fill(sigma * sigma);
+    }
+    variances
 }
 
 /// What happened to a group of observations.
