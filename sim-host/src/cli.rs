@@ -18,6 +18,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 mod detect;
+mod estimate;
 mod limits;
 mod params;
 mod sensors;
@@ -45,6 +46,8 @@ enum Command {
     Limits(limits::LimitsArgs),
     /// Fly once, and print how wrong each sensor was beside the truth.
     Sensors(sensors::SensorsArgs),
+    /// Fly on the sensors, and print how wrong the estimate was beside the truth, and whether it knew.
+    Estimate(estimate::EstimateArgs),
     /// Print the parameters of the flight logic: names, ranges, values.
     Params(params::ParamsArgs),
     /// Print the JSON Schema of a scenario.
@@ -137,6 +140,7 @@ pub fn run() -> ExitCode {
         Command::Suite(args) => suite::suite(args),
         Command::Limits(args) => limits::limits(args),
         Command::Sensors(args) => sensors::sensors(args),
+        Command::Estimate(args) => estimate::estimate(args),
         Command::Params(args) => params::params(args),
         Command::Schema => schema(),
     };
@@ -213,6 +217,7 @@ fn draw(files: &mut Files, traces: &[Trace], scenario: &Scenario) -> Result<Vec<
     let windows_s = scenario.fault_windows_s();
     let drawn: Result<Vec<_>, Box<dyn Error + Send + Sync>> = FIGURES
         .par_iter()
+        .filter(|figure| traces.iter().any(|trace| figure.is_of(trace.log)))
         .map(|figure| {
             let svg = svg(figure, traces, &windows_s).map_err(|error| error.to_string())?;
             let png = png(&svg).map_err(|error| error.to_string())?;

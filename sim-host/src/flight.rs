@@ -64,6 +64,8 @@ pub struct Sample<'a> {
     pub clock_s: f64,
     /// What is believed of the motion, if the scenario names sensors.
     pub estimate: Option<&'a Estimate>,
+    /// What made it.
+    pub aboard: Option<&'a Aboard>,
     /// How the estimator and its sources are, if there are any.
     pub estimator: Option<&'a EstimatorTelemetry>,
     /// What the autopilot decided, if it flies.
@@ -310,6 +312,7 @@ impl Flight<'_> {
                 measurements: aboard.as_ref().map_or(&nothing, Aboard::measurements),
                 clock_s: aboard.as_ref().map_or(t_s, |aboard| aboard.clock_us(t_s) as f64 * 1e-6),
                 estimate: aboard.as_ref().map(Aboard::estimate),
+                aboard: aboard.as_ref(),
                 estimator: aboard.as_ref().map(|aboard| aboard.telemetry(t_s)).as_ref(),
                 decision: None,
                 output: &output,

@@ -176,6 +176,7 @@ impl Flight<'_> {
                 measurements,
                 clock_s: now_us as f64 * 1e-6,
                 estimate: Some(&estimate),
+                aboard: aboard.as_ref(),
                 estimator: aboard.as_ref().map(|aboard| aboard.telemetry(t_s)).as_ref(),
                 decision: Some(&Decision { command: &command, state: &state }),
                 output: &Output { thrust_n: command_n.map(|n| n as f32), rejected: command.rejected },
