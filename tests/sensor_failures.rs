@@ -103,7 +103,8 @@ struct Outcome {
 
 impl Outcome {
     fn row(&self) -> String {
-        let detected = self.detected.as_ref().map_or("—".to_owned(), |(after_s, what)| format!("{after_s:.2} s: {what}"));
+        let detected =
+            self.detected.as_ref().map_or("—".to_owned(), |(after_s, what)| format!("{after_s:.2} s: {what}"));
         let reaction = if self.reactions.is_empty() { "holds on".to_owned() } else { self.reactions.join(", ") };
         let crashed = if self.crashes > 0 { format!("{} of {SEEDS}", self.crashes) } else { "no".to_owned() };
         let sensor = self.sensor.as_str();
@@ -123,17 +124,11 @@ fn outcome(base: &Scenario, sizes: &Sizes, kind: usize, rotor: bool) -> Outcome 
         let (rotors, from_s) = (Rotors::new([true, false, false, false]), ROTOR_FAILS_S);
         scenario.fault = vec![Fault { kind, rotors, from_s, until_s, profile: Profile::Step, reported: false }];
     }
-    let mut outcome = Outcome {
-        sensor: sizes.sensor,
-        fault,
-        rotor,
-        detected: None,
-        reactions: Vec::new(),
-        error_m: 0.0,
-        crashes: 0,
-    };
+    let mut outcome =
+        Outcome { sensor: sizes.sensor, fault, rotor, detected: None, reactions: Vec::new(), error_m: 0.0, crashes: 0 };
     for seed in 1..=SEEDS {
-        let flight = Flight { scenario: &scenario, controller: ControllerName::Default, seed, format: NumberFormat::F32 };
+        let flight =
+            Flight { scenario: &scenario, controller: ControllerName::Default, seed, format: NumberFormat::F32 };
         let mut chronicle = Chronicle::default();
         let mut hovered = None;
         let ending = flight
@@ -166,7 +161,8 @@ impl Outcome {
                     self.detected = Some((after_s, text.to_owned()));
                 }
             }
-            let flown = what.split_once(": ").filter(|(_, why)| why.ends_with("to fly on") || why.starts_with("failsafe"));
+            let flown =
+                what.split_once(": ").filter(|(_, why)| why.ends_with("to fly on") || why.starts_with("failsafe"));
             let done = flown.map(|(mode, _)| mode).or(what.strip_prefix("flies on the "));
             if let Some(done) = done.map(str::to_owned).filter(|done| !self.reactions.contains(done)) {
                 self.reactions.push(done);
@@ -195,7 +191,9 @@ fn outcomes(sensors: &[Sensor], change: impl Fn(&mut Scenario) + Sync) -> Vec<Ou
 fn print(title: &str, outcomes: &[Outcome]) {
     for (rotor, with) in [(false, "alone"), (true, "and rotor 1 loses 40 % at 16 s")] {
         println!("\n{title}, {with}\n");
-        println!("| sensor | fault | detected after | reaction | largest error, m | crashed |\n|---|---|---|---|---|---|");
+        println!(
+            "| sensor | fault | detected after | reaction | largest error, m | crashed |\n|---|---|---|---|---|---|"
+        );
         for outcome in outcomes.iter().filter(|outcome| outcome.rotor == rotor) {
             println!("{}", outcome.row());
         }
