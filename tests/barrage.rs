@@ -19,7 +19,7 @@ fn random_step(garbage: &mut Garbage, autopilot: &Autopilot, state: &mut Autopil
     let now_us = 1_000_000 + 2000 * tick;
     let stamp = |garbage: &mut Garbage| if garbage.once_in(n) { garbage.bits() } else { now_us };
     let hover = Input::hovering();
-    let healthy = |garbage: &mut Garbage| !garbage.once_in(20 * n);
+    let healthy = |garbage: &mut Garbage| !garbage.once_in(n.saturating_mul(20));
     let estimate = Estimate {
         time_us: stamp(garbage),
         position_m: garbage.spoil_vector(Vec3::new(0.0, 0.0, -1.0), n),

@@ -163,7 +163,9 @@ fn gentle_sticks_and_the_link_failing_in_them_change_no_attitude_for_long() {
 fn two_facing_rotors_lost_are_landed_as_fast_as_two_can_carry() {
     for pair in [[0, 2], [1, 3]] {
         let mut rig = Rig::away(Mode::PositionHold);
-        pair.into_iter().for_each(|rotor| rig.shares[rotor] = 0.0);
+        for rotor in pair {
+            rig.shares[rotor] = 0.0;
+        }
         rig.until(20.0, |_, command| !command.armed);
         let truth = rig.truth();
         assert!(truth.touching && truth.impact_m_s < 2.0 && truth.tilt_rad() < 0.1, "{truth:?}");

@@ -25,6 +25,7 @@ pub struct Chronicle {
     failsafes: Vec<Failsafe>,
     wiring: bool,
     sources: [Option<SourceFault>; SOURCES],
+    inertial: Option<Source>,
 }
 
 impl Chronicle {
@@ -53,6 +54,11 @@ impl Chronicle {
                 }
             }
         }
+        let inertial = sample.estimator.map(|estimator| estimator.inertial);
+        if let (Some(_), Some(unit)) = (self.inertial, inertial.filter(|_| inertial != self.inertial)) {
+            self.note(t_s, format_args!("flies on the {unit}"));
+        }
+        self.inertial = inertial;
         let Some(decision) = sample.decision else { return };
         let command = decision.command;
         if let Some(verdict) = decision.state.wiring().filter(|_| !self.wiring) {

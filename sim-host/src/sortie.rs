@@ -9,7 +9,7 @@
 //! Where the scenario flies no sensors the autopilot is given the truth with `[noise]`, and all of it is healthy.
 use crate::aboard::Aboard;
 use crate::actuators::Actuators;
-use crate::flight::{Cause, Crash, Ending, Flight, Sample, Stream, TILT_RAD_MAX, Touchdown, UPRIGHT_RAD_MAX, random};
+use crate::flight::{Cause, Crash, Ending, Flight, Sample, Stream, Touchdown, UPRIGHT_RAD_MAX, random};
 use crate::ground::Ground;
 use crate::plant::{Actuation, Plant, RigidPlant, Truth};
 use crate::scenario::{AutopilotKeys, Event};
@@ -21,7 +21,12 @@ use control_core::frames::Vec3;
 use control_core::measurement::{Measurements, Stamped};
 use control_core::modes::Mode;
 use control_core::pilot::{PilotInput, Sticks};
-use control_core::{Config, ConfigError, Input, Output, Setpoint};
+use control_core::{Config, ConfigError, GRAVITY_M_S2, Input, Output, Setpoint};
+use std::f64::consts::TAU;
+
+/// How often a hand rocks the machine, Hz, and how hard, as a share of what tips it over.
+const HAND_HZ: f64 = 3.0;
+const HAND_SHARE: f64 = 0.6;
 
 /// What is outside the autopilot, and when it last spoke.
 struct Outside<'a> {
@@ -63,12 +68,20 @@ impl<'a> Outside<'a> {
         }
         self.system = System {
             battery_v: measurements.battery_v.map(|sample| sample.value).or(self.system.battery_v),
+            gyro_calibrated: now.gyro_calibrated != Some(false),
             self_test_passed: now.self_test_passed != Some(false),
             parameters_valid: now.parameters_valid != Some(false),
             late: now.late == Some(true),
-            ..self.system
         };
         check_wiring
+    }
+
+    /// Torque of the hand that rocks the machine, N m.
+    ///
+    /// - `weight_torque_nm`: the weight on its arm, which tips it over.
+    fn hand_nm(&self, t_s: f64, weight_torque_nm: f64) -> f64 {
+        let rocked = self.now.rocked == Some(true);
+        if rocked { HAND_SHARE * weight_torque_nm * libm::sin(TAU * HAND_HZ * t_s) } else { 0.0 }
     }
 }
 
@@ -111,6 +124,8 @@ impl Flight<'_> {
         let mut actuation = Actuation { drives: actuators.drive([0.0; 4]), gust: gusts.step(dt_s) };
         let mut aboard = self.aboard(&vehicle, ground, &plant.truth(&actuation), &actuators);
         let mut outside = Outside::new(&scenario.event);
+        let arm_m = vehicle.arms_m.iter().fold(0.0, |most: f64, [_, right]| most.max(right.abs()));
+        let weight_torque_nm = vehicle.mass_kg * f64::from(GRAVITY_M_S2) * arm_m;
         let nothing = Measurements::default();
         for tick in 0..(scenario.duration_s * scenario.control_hz()).round() as usize {
             let t_s = tick as f64 * dt_s;
@@ -175,21 +190,19 @@ impl Flight<'_> {
             actuation.drives = actuators.drive(command_n);
             plant.advance(&actuation, dt_s, scenario.plant_steps);
             actuation.gust = gusts.step(dt_s);
+            actuation.gust.torque_nm.x += outside.hand_nm(t_s, weight_torque_nm);
         }
         Ok(None)
     }
 
-    /// Why the machine is broken, if it is. How far it is from a setpoint says nothing here.
+    /// Why the machine is broken, if it is. How far it is from a setpoint says nothing here, and a pilot may fly upside down.
     fn broken(&self, truth: &Truth) -> Option<Cause> {
-        let [roll, pitch, _] = truth.angles_rad();
         let touchdown = Touchdown { speed_m_s: truth.impact_m_s, tilt_rad: truth.tilt_rad() };
         let fast = touchdown.speed_m_s > self.scenario.airframe.impact_m_s_max();
         if !(truth.position_m.norm() + truth.velocity_m_s.norm() + truth.rate_rad_s.norm()).is_finite() {
             Some(Cause::NotFinite)
         } else if fast || (truth.touching && touchdown.tilt_rad > UPRIGHT_RAD_MAX) {
             Some(Cause::Ground(touchdown))
-        } else if roll.abs().max(pitch.abs()) > TILT_RAD_MAX {
-            Some(Cause::Tilt)
         } else {
             None
         }

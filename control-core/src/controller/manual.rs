@@ -13,7 +13,7 @@
 //! A machine that spins without a rotor has no heading to steer by and is held level, by the tick of the position.
 //!
 //! Flown by a board and a pilot, so in `f32` only.
-use super::cascade::{PSI, Z};
+use super::cascade::PSI;
 use super::{Controller, Errors, State};
 use crate::Demand;
 use crate::frames::{Body, Vec3};
@@ -192,7 +192,7 @@ impl Controller {
         let thrust_n = match hand.lift {
             Lift::Thrust(n) => n,
             Lift::Altitude { .. } => {
-                self.learn_axis(Z, state, errors, false, dt_s);
+                self.learn_altitude(state, errors, dt_s);
                 let up = Outer { north_m_s2: 0.0, east_m_s2: 0.0, up_n: outer.up_n };
                 self.guidance.convert(&up, angles).thrust_n
             }

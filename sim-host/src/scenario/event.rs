@@ -84,6 +84,10 @@ pub struct Event {
     pub offboard: Option<bool>,
     /// Whether each control step comes late.
     pub late: Option<bool>,
+    /// Whether somebody rocks the machine by hand, to and fro about its forward axis.
+    pub rocked: Option<bool>,
+    /// Whether the gyro's bias is known.
+    pub gyro_calibrated: Option<bool>,
     /// Whether the self-tests have passed.
     pub self_test_passed: Option<bool>,
     /// Whether the stored parameters were in their ranges.
@@ -98,7 +102,8 @@ impl Event {
         macro_rules! take {
             ($($key:ident),+) => { $(self.$key = later.$key.or(self.$key);)+ };
         }
-        take!(arm, mode, right, forward, clockwise, throttle, link, offboard, late, self_test_passed, parameters_valid);
+        take!(arm, mode, right, forward, clockwise, throttle, link, offboard, late);
+        take!(rocked, gyro_calibrated, self_test_passed, parameters_valid);
     }
 }
 
