@@ -44,13 +44,13 @@ fn a_million_samples_of_anything_neither_panic_nor_put_out_what_is_not_a_number(
                 let mut m = world.step();
                 let mut now_us = world.now_us;
                 let wild = tick % 20_000 > 4_000;
-                if wild && noise.bits() % 4 == 0 {
+                if wild && noise.bits().is_multiple_of(4) {
                     m = garbage(&mut noise, world.now_us);
                 }
-                if wild && noise.bits() % 64 == 0 {
+                if wild && noise.bits().is_multiple_of(64) {
                     now_us = u64::from(noise.bits()) << (noise.bits() % 33);
                 }
-                if wild && noise.bits() % 2000 == 0 {
+                if wild && noise.bits().is_multiple_of(2000) {
                     world.now_us += u64::from(noise.bits() % 2_000_000);
                 }
                 let estimate = estimator.step(&mut state, &m, now_us);
@@ -119,7 +119,7 @@ fn garbage(noise: &mut Noise, now_us: u64) -> Measurements {
 fn health_is_withdrawn_in_order_when_vision_is_lost_and_given_back() {
     let estimator = flight();
     let mut world = World::new(Motion::flight(&mut Noise::new(5)), VISION, &EstimatorConfig::FLIGHT, 5);
-    let lost_s = EstimatorConfig::FLIGHT.limits.dead_reckoning_s as f64;
+    let lost_s = f64::from(EstimatorConfig::FLIGHT.limits.dead_reckoning_s);
     let mut last = Health::default();
     let mut seen = Vec::new();
     let mut state = estimator.state();

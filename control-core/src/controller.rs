@@ -254,6 +254,11 @@ impl<S: Scalar> State<S> {
         self.rotors.spinning.map(|spinning| spinning.rotor)
     }
 
+    /// Share of its thrust that each rotor is believed to make.
+    pub(crate) fn shares(&self) -> [S; 4] {
+        self.rotors.shares
+    }
+
     fn take(&mut self, allocation: Allocation<S>) {
         self.refused = allocation.refused;
         self.output.thrust_n = allocation.thrust_n;

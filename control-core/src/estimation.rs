@@ -90,6 +90,7 @@ const PIECE_S: f32 = 0.02;
 
 /// When each quantity was last observed, µs.
 #[derive(Clone, Copy, Debug, Default)]
+#[expect(clippy::struct_field_names, reason = "the unit")]
 struct Aided {
     velocity_us: u64,
     position_us: u64,
@@ -101,6 +102,7 @@ struct Aided {
 
 /// Everything that changes in flight.
 #[derive(Clone, Copy, Debug)]
+#[expect(clippy::struct_excessive_bools, reason = "independent facts, each read by name")]
 pub struct EstimatorState {
     phase: Phase,
     filter: Filter,
@@ -278,11 +280,11 @@ impl Estimator {
     /// - Returns the estimate, which lives in the state until the next step.
     pub fn step<'a>(&self, state: &'a mut EstimatorState, measurements: &Measurements, now_us: u64) -> &'a Estimate {
         self.admit(state, measurements, now_us);
-        if let Some(imu) = self.admit_inertial(state, measurements, now_us) {
-            let dt_s = state.lasted_s(&imu, &self.config);
+        if let Some(imu) = state.admit_inertial(measurements, now_us) {
+            let dt_s = state.lasted_s(imu, &self.config);
             match state.phase {
-                Phase::Aligning => self.align(state, &imu, dt_s, now_us),
-                Phase::Running | Phase::FallenBack => self.reckon(state, &imu, dt_s, now_us),
+                Phase::Aligning => self.align(state, imu, dt_s, now_us),
+                Phase::Running | Phase::FallenBack => self.reckon(state, imu, dt_s, now_us),
             }
             state.time_us = imu.time_us;
         }
@@ -315,7 +317,7 @@ impl Estimator {
                     state.filter.predict(&self.config, &span, rate_rad_s, state.gap_s);
                     self.fuse_pending(state, imu.time_us);
                 }
-                _ => self.follow(state, imu.time_us, span.span_s),
+                _ => self.follow(state, imu.time_us, span.length_s),
             }
             state.gap_s = 0.0;
             if !state.filter.is_sound() {

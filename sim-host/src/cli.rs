@@ -58,7 +58,7 @@ struct FlyArgs {
     #[command(flatten)]
     with: With,
     /// Who flies.
-    #[arg(long, value_enum, default_value_t = ControllerName::Lgs)]
+    #[arg(long, value_enum, default_value_t = ControllerName::Default)]
     controller: ControllerName,
     /// Seed of noise and wind; the scenario's if left out.
     #[arg(long)]

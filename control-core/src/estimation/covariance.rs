@@ -202,6 +202,7 @@ impl Covariance {
 
     /// Row `I` of the upper half, and its mirror image.
     #[inline(always)]
+    #[expect(clippy::needless_range_loop, reason = "both triangles are written")]
     fn subtract_row<const I: usize>(&mut self, w: &[f32; STATES], k: f32) {
         let gain = w[I] * k;
         for j in I..STATES {

@@ -36,6 +36,7 @@ struct Verdict {
 }
 
 /// A measured position.
+#[expect(clippy::struct_field_names, reason = "the unit")]
 struct Position {
     measured_m: Vec3<Ned>,
     /// Standard deviations, horizontal and vertical.
@@ -86,7 +87,7 @@ impl Estimator {
         let large = vision.is_some() || gnss.is_some();
         state.large_last = large && !(small && state.large_last);
         if !state.large_last {
-            state.pending = Measurements { vision, gnss, ..Measurements::default() };
+            state.pending = Measurements { gnss, vision, ..Measurements::default() };
             baro_altitude_m.inspect(|altitude| self.fuse_barometer(state, Source::Barometer, altitude, now_us));
             baro_second_altitude_m
                 .inspect(|altitude| self.fuse_barometer(state, Source::BarometerSecond, altitude, now_us));
@@ -102,7 +103,7 @@ impl Estimator {
         }
         state.unaided_steps = (state.unaided_steps + 1) % UNAIDED_STEPS;
         if state.unaided_steps == 0 {
-            self.hold_together(state, now_us);
+            state.hold_together(now_us);
         }
     }
 
@@ -224,12 +225,11 @@ impl Estimator {
             return;
         }
         let (sigma_m, mut verdict) = (self.config.aiding.range_m + RANGE_SHARE * range.value, Verdict::NONE);
-        let ground_m = match state.filter.ground_m {
-            Some(ground_m) => ground_m,
-            None => {
-                state.filter.find_ground(&past, height_m, sigma_m);
-                past.position_m.z + height_m
-            }
+        let ground_m = if let Some(ground_m) = state.filter.ground_m {
+            ground_m
+        } else {
+            state.filter.find_ground(&past, height_m, sigma_m);
+            past.position_m.z + height_m
         };
         if self.group(state, &mut verdict, &observe::range(&past, range.value, ground_m, sigma_m), 0.0) {
             (state.ranged_us, state.aided.altitude_us) = (now_us, now_us);
@@ -277,12 +277,14 @@ impl Estimator {
         }
         state.record(Source::Magnetometer, field.time_us, Some(&verdict));
     }
+}
 
+impl EstimatorState {
     /// Keeps an unaided filter from losing its tilt and from counting beyond sense: gravity, and bounds.
-    fn hold_together(&self, state: &mut EstimatorState, now_us: u64) {
+    fn hold_together(&mut self, now_us: u64) {
         let gate = f32::MAX;
-        let filter = &mut state.filter;
-        if now_us.saturating_sub(state.aided.velocity_us) > UNAIDED_US {
+        let filter = &mut self.filter;
+        if now_us.saturating_sub(self.aided.velocity_us) > UNAIDED_US {
             let f = filter.force_m_s2;
             let weight = f.norm_squared() / (crate::GRAVITY_M_S2 * crate::GRAVITY_M_S2);
             if (0.8..1.2).contains(&weight) {
