@@ -31,7 +31,8 @@ impl Sortie {
 
     fn fly_with(name: &str, seed: u64) -> Self {
         let scenario: Scenario = shipped(&format!("sorties/{name}"));
-        let flight = Flight { scenario: &scenario, controller: ControllerName::Default, seed, format: NumberFormat::F32 };
+        let flight =
+            Flight { scenario: &scenario, controller: ControllerName::Default, seed, format: NumberFormat::F32 };
         let (mut chronicle, mut path, mut failing) = (Chronicle::default(), Vec::new(), Vec::new());
         let (mut armed, mut motors) = (false, [0.0; 4]);
         let ending = flight
@@ -80,7 +81,8 @@ impl Sortie {
 
     /// Largest distance from where it was at `from_s` until `until_s`, m.
     fn strays_m(&self, from_s: f64, until_s: f64) -> f64 {
-        let mut spans = self.path.iter().filter(|(t_s, _)| (from_s..until_s).contains(t_s)).map(|(_, truth)| truth.position_m);
+        let mut spans =
+            self.path.iter().filter(|(t_s, _)| (from_s..until_s).contains(t_s)).map(|(_, truth)| truth.position_m);
         let start = spans.next().expect("flown until then");
         spans.map(|place| (place - start).norm()).fold(0.0, f64::max)
     }
@@ -142,14 +144,16 @@ fn every_failsafe_acts_in_its_time_and_ends_as_the_table_says() {
                 Some(_) => format!("failsafe: {failsafe}"),
                 None => format!("no {} to fly on", failsafe.to_string().trim_end_matches(" lost")),
             };
-            sortie.happens(&format!("{mode}: {reason}"), t_s, t_s);
+            // The mode falls back in the tick in which the level falls, the failsafe is told of it in the next.
+            sortie.happens(&format!("{mode}: {reason}"), t_s - 0.005, t_s);
         }
         match end {
             End::Landed(distance_m) => sortie.has_landed_within(distance_m),
             End::Fell => {
                 sortie.happens("disarmed", t_s, t_s);
                 assert!(!sortie.armed && sortie.motors == [0.0; 4], "{}: stopped for good", sortie.name);
-                let hit = matches!(sortie.ending, Some(Ending::Crashed(crash)) if matches!(crash.cause, Cause::Ground(_)));
+                let hit =
+                    matches!(sortie.ending, Some(Ending::Crashed(crash)) if matches!(crash.cause, Cause::Ground(_)));
                 assert!(hit, "{}: {:?}", sortie.name, sortie.ending);
             }
         }
