@@ -144,7 +144,8 @@ fn every_failsafe_acts_in_its_time_and_ends_as_the_table_says() {
                 Some(_) => format!("failsafe: {failsafe}"),
                 None => format!("no {} to fly on", failsafe.to_string().trim_end_matches(" lost")),
             };
-            sortie.happens(&format!("{mode}: {reason}"), t_s, t_s);
+            // The mode falls back in the tick in which the level falls, the failsafe is told of it in the next.
+            sortie.happens(&format!("{mode}: {reason}"), t_s - 0.005, t_s);
         }
         match end {
             End::Landed(distance_m) => sortie.has_landed_within(distance_m),
@@ -188,16 +189,14 @@ fn every_check_refuses_arming_by_name() {
     for (check, name, t_s) in REFUSED {
         let sortie = sorties.iter().find(|sortie| sortie.name.starts_with(name)).expect("flown");
         let refusal = sortie.happenings.iter().find(|happening| (happening.t_s - t_s).abs() < 1e-6);
-        match refusal.map(|happening| happening.what.strip_prefix("arming refused: ")) {
-            Some(texts) => {
-                let texts = texts.unwrap_or_else(|| panic!("{check}: {refusal:?}"));
-                assert!(texts.split("; ").any(|text| text == check.to_string()), "{check}: {texts}");
-            }
+        if let Some(happening) = refusal {
+            let texts =
+                happening.what.strip_prefix("arming refused: ").unwrap_or_else(|| panic!("{check}: {happening:?}"));
+            assert!(texts.split("; ").any(|text| text == check.to_string()), "{check}: {texts}");
+        } else {
             // A switch that is not heard is not refused: nothing happens, and the list of what fails says why.
-            None => {
-                let (_, failing) = sortie.failing.iter().find(|(at_s, _)| *at_s >= t_s + 0.1).expect("flown");
-                assert!(check == Check::Link && failing.contains(&check), "{check}: {failing:?}");
-            }
+            let (_, failing) = sortie.failing.iter().find(|(at_s, _)| *at_s >= t_s + 0.1).expect("flown");
+            assert!(check == Check::Link && failing.contains(&check), "{check}: {failing:?}");
         }
     }
 }

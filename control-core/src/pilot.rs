@@ -89,6 +89,7 @@ pub struct Reading {
 /// What the switches last said.
 #[derive(Clone, Copy, Debug)]
 pub struct Pilot {
+    heard: bool,
     arm: bool,
     mode: Option<Mode>,
 }
@@ -103,7 +104,7 @@ pub(crate) fn age_s(now_us: u64, then_us: u64) -> f32 {
 
 impl Pilot {
     /// Before the first frame. The arm switch counts as on: one that is on at power-up has no edge.
-    pub const UNHEARD: Self = Self { arm: true, mode: None };
+    pub const UNHEARD: Self = Self { heard: false, arm: true, mode: None };
 
     /// Takes the last frame that arrived.
     pub fn read(&mut self, shape: &Shape, frame: Option<&Stamped<PilotInput>>, now_us: u64) -> Reading {
@@ -111,9 +112,8 @@ impl Pilot {
         let age_s = frame.map_or(f32::INFINITY, |frame| age_s(now_us, frame.time_us));
         let before = *self;
         let mut sticks = Sticks::NEUTRAL;
-        if let Some(frame) = frame
-            && age_s <= shape.link_s
-        {
+        self.heard = age_s <= shape.link_s;
+        if let Some(frame) = frame.filter(|_| self.heard) {
             (self.arm, self.mode) = (frame.value.arm, Some(frame.value.mode));
             sticks = frame.value.sticks;
         }
@@ -127,7 +127,8 @@ impl Pilot {
             },
             climb: shape.stick(throttle + throttle - 1.0),
             arm: self.arm,
-            arm_rose: self.arm && !before.arm,
+            // A switch that was thrown while nobody listened has no edge either.
+            arm_rose: self.arm && !before.arm && before.heard,
             mode: self.mode.unwrap_or(Mode::Disarmed),
             mode_moved: before.mode.is_some() && self.mode != before.mode,
             age_s,
@@ -200,5 +201,7 @@ mod tests {
         assert_eq!(read(Some(frame(true, Mode::Rate))), (true, false, false), "and comes back");
         assert_eq!(read(None), (true, false, false));
         assert_eq!(read(Some(frame(false, Mode::Angle))), (false, false, true), "moved meanwhile");
+        assert_eq!(read(None), (false, false, false));
+        assert_eq!(read(Some(frame(true, Mode::Angle))), (true, false, false), "thrown while nobody listened");
     }
 }
