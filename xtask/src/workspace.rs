@@ -45,6 +45,11 @@ impl Workspace {
         Ok(self.target_dir.join(if release { "release" } else { "debug" }).join("sim-host"))
     }
 
+    /// Where the release build of a package's executable is.
+    pub(crate) fn executable(&self, package: &str) -> PathBuf {
+        self.target_dir.join("release").join(package)
+    }
+
     /// A fresh folder for the results of a command.
     pub(crate) fn results(&self, command: &str) -> Result<PathBuf> {
         let folder = self.target_dir.join(command);
