@@ -8,6 +8,7 @@
 //!
 //! # Source
 //! RM0090, table 1 "STM32F4xx register boundary addresses", table 62 "Vector table".
+use crate::board::{self, Board};
 use crate::nvic::{self, Nvic};
 use crate::peripheral::adc::Adc;
 use crate::peripheral::dbgmcu::Dbgmcu;
@@ -15,7 +16,7 @@ use crate::peripheral::dma::{Dma, Request};
 use crate::peripheral::dwt::Dwt;
 use crate::peripheral::exti::Exti;
 use crate::peripheral::flash::Flash;
-use crate::peripheral::gpio::Gpio;
+use crate::peripheral::gpio::{Gpio, Mode};
 use crate::peripheral::iwdg::Iwdg;
 use crate::peripheral::otg::Otg;
 use crate::peripheral::pwr::Pwr;
@@ -36,12 +37,6 @@ pub(crate) trait Memory {
     fn read(&mut self, address: u32, bytes: &mut [u8]) -> bool;
     /// Stores `bytes` at `address`; false where there is no memory.
     fn write(&mut self, address: u32, bytes: &[u8]) -> bool;
-}
-
-/// What is soldered to the chip's pins.
-pub(crate) trait World {
-    /// Exchanges a word on bus `spi`, 1 to 3.
-    fn exchange(&mut self, spi: usize, word: u16, now: u64) -> u16;
 }
 
 /// All peripherals.
@@ -76,6 +71,7 @@ pub(crate) struct Chip {
     dma: [Dma; 2],
     adc: Adc,
     otg: Otg,
+    pub(crate) board: Board,
 }
 
 /// Numbers of the timers that are modelled.
@@ -86,8 +82,8 @@ const SFTRSTF: u32 = 1 << 28;
 const PORRSTF: u32 = 1 << 27;
 
 impl Chip {
-    /// A chip after power-up, with a crystal of `hse_hz`.
-    pub(crate) fn new(hse_hz: u64) -> Self {
+    /// A chip after power-up.
+    pub(crate) fn new() -> Self {
         Self {
             now: 0,
             deadline: NEVER,
@@ -101,7 +97,7 @@ impl Chip {
             gpio: std::array::from_fn(Gpio::new),
             systick: SysTick::default(),
             dwt: Dwt::default(),
-            rcc: Rcc::new(hse_hz, PORRSTF),
+            rcc: Rcc::new(board::HSE_HZ, PORRSTF),
             pwr: Pwr::new(),
             exti: Exti::default(),
             syscfg: Syscfg::default(),
@@ -114,13 +110,17 @@ impl Chip {
             dma: [Dma::new(1), Dma::new(2)],
             adc: Adc::default(),
             otg: Otg::default(),
+            board: Board::new(),
         }
     }
 
-    /// Starts everything anew but time and what lives in the backup domain; `causes` are flags of RCC_CSR.
+    /// Starts everything anew but time, what lives in the backup domain, and the board; `causes` are flags of RCC_CSR.
     pub(crate) fn restart(&mut self, causes: u32) {
-        let (now, hse_hz, rtc) = (self.now, self.rcc.hse_hz(), self.rtc.clone());
-        *self = Self { now, rtc, rcc: Rcc::new(hse_hz, causes), ..Self::new(hse_hz) };
+        let (now, rtc) = (self.now, self.rtc.clone());
+        let board = std::mem::replace(&mut self.board, Board::new());
+        *self = Self { now, rtc, board, rcc: Rcc::new(board::HSE_HZ, causes), ..Self::new() };
+        self.refresh(Unit::Board);
+        self.find_deadline();
     }
 
     /// Frequency of the core, Hz.
@@ -213,6 +213,7 @@ impl Chip {
             Unit::Dma(n) => self.dma[n].read(offset),
             Unit::Adc => self.adc.read(offset),
             Unit::Otg => self.otg.read(offset),
+            Unit::Board => None,
         }
     }
 
@@ -236,7 +237,11 @@ impl Chip {
             }
             Unit::Pwr => self.pwr.write(offset, value),
             Unit::Flash => self.flash.write(offset, value, now, core_hz),
-            Unit::Gpio(n) => self.gpio[n].write(offset, value),
+            Unit::Gpio(n) => {
+                self.gpio[n].write(offset, value)?;
+                self.drive_devices(n);
+                Some(())
+            }
             Unit::Exti => self.exti.write(offset, value),
             Unit::Syscfg => self.syscfg.write(offset, value),
             Unit::Dbgmcu => self.dbgmcu.write(offset, value),
@@ -248,6 +253,7 @@ impl Chip {
             Unit::Dma(n) => self.dma[n].write(offset, value),
             Unit::Adc => self.adc.write(offset, value, t),
             Unit::Otg => self.otg.write(offset, value),
+            Unit::Board => None,
         }
     }
 
@@ -288,6 +294,10 @@ impl Chip {
                 self.reset = Some(SFTRSTF);
             }
         }
+        self.find_deadline();
+    }
+
+    fn find_deadline(&mut self) {
         self.deadline = self.deadlines.into_iter().min().unwrap_or(NEVER);
     }
 
@@ -309,6 +319,7 @@ impl Chip {
                     self.nvic.set_line(irq, high);
                 }
                 next = self.timers[n].next(t);
+                self.pass_pulses(n);
             }
             Unit::Spi(n) => {
                 self.nvic.set_line([35, 36, 51][n], self.spi[n].interrupts());
@@ -327,18 +338,19 @@ impl Chip {
                 self.nvic.set_line(18, self.adc.interrupts());
                 next = self.adc.next();
             }
+            Unit::Board => next = self.board.imu.next(),
             _ => {}
         }
         self.deadlines[unit.index()] = next;
     }
 
     /// Lets time pass until `to`; everything due on the way happens in order.
-    pub(crate) fn advance(&mut self, to: u64, world: &mut dyn World, memory: &mut dyn Memory) {
+    pub(crate) fn advance(&mut self, to: u64, memory: &mut dyn Memory) {
         while self.deadline <= to {
             self.now = self.now.max(self.deadline);
             for unit in Unit::all() {
                 if self.deadlines[unit.index()] <= self.now {
-                    self.event(unit, world);
+                    self.event(unit);
                     self.settle(unit, memory);
                 }
             }
@@ -346,11 +358,12 @@ impl Chip {
         self.now = self.now.max(to);
     }
 
-    fn event(&mut self, unit: Unit, world: &mut dyn World) {
+    fn event(&mut self, unit: Unit) {
         let t = self.tick(unit);
         match unit {
             Unit::Core => {
-                if self.systick.event() {
+                let interrupts = self.systick.event();
+                if interrupts {
                     self.nvic.set_pending(nvic::SYS_TICK);
                 }
             }
@@ -360,13 +373,65 @@ impl Chip {
             }
             Unit::Timer(n) => self.timers[n].catch_up(t),
             Unit::Spi(n) => {
-                let answer = world.exchange(n + 1, self.spi[n].sent(), t.now);
+                let answer = self.board.exchange(n, self.spi[n].sent(), t.now);
                 self.spi[n].receive(answer, t);
+                if let Some(register) = self.board.imu.unknown.take() {
+                    self.fail(format!("the inertial unit's register {register:#04x} is not modelled as it is used"));
+                }
+                // It may have been switched on or off.
+                self.refresh(Unit::Board);
             }
             Unit::Usart(n) => self.usart[n].event(t),
-            Unit::Adc => self.adc.converted(0, t),
+            Unit::Adc => {
+                let value = self.board.convert(self.adc.due());
+                self.adc.converted(value, t);
+            }
+            Unit::Board => {
+                if let Some(high) = self.board.event(t.now) {
+                    self.drive(board::IMU_READY, high);
+                }
+            }
             _ => {}
         }
+    }
+
+    /// A device drives a pin of the chip.
+    fn drive(&mut self, (port, pin): (usize, u32), high: bool) {
+        if self.gpio[port].drive(pin, high) && self.syscfg.port_of(pin) == port {
+            self.exti.edge(pin, high);
+            self.refresh(Unit::Exti);
+        }
+    }
+
+    /// The chip drives the pins of a port: select lines.
+    fn drive_devices(&mut self, port: usize) {
+        let (select_port, pin) = board::IMU_SELECT;
+        if port == select_port {
+            let low = !self.gpio[port].level(pin);
+            self.board.imu.select(low);
+        }
+    }
+
+    /// Gives the pulses of a timer to the speed controllers whose pins it has.
+    fn pass_pulses(&mut self, n: usize) {
+        for pulse in std::mem::take(&mut self.timers[n].pulses) {
+            let here = |&(timer, channel, (port, pin)): &(usize, usize, (usize, u32))| {
+                let mine = self.gpio[port].mode(pin) == Mode::Alternate(board::MOTOR_FUNCTION);
+                (timer, channel) == (TIMERS[n], pulse.channel) && mine
+            };
+            if let Some(motor) = board::MOTORS.iter().position(here) {
+                self.board.pulse(motor, pulse);
+            }
+        }
+    }
+
+    /// The radio receiver sends these bytes.
+    pub(crate) fn hear_radio(&mut self, bytes: &[u8]) {
+        let unit = Unit::Usart(board::RADIO);
+        let t = self.tick(unit);
+        self.usart[board::RADIO].feed(bytes, t);
+        self.refresh(unit);
+        self.find_deadline();
     }
 
     /// Moves beats until nobody asks for one.

@@ -12,6 +12,7 @@
 //! | `nvic`           | which exception runs next                                   |
 //! | `chip`, `unit`   | peripherals on their buses, lines, DMA, time                |
 //! | `peripheral/`    | one file a peripheral                                       |
+//! | `board`, `device/` | what is soldered to the chip, one file a device           |
 //! | `image`, `log`   | the ELF; its decoded log                                    |
 //!
 //! It fails loudly: a register, or a bit of one, that is not modelled ends the run with its name and the program counter.
@@ -22,7 +23,9 @@
 #![allow(clippy::match_same_arms, clippy::precedence, clippy::verbose_bit_mask, clippy::unreadable_literal)]
 
 mod block;
+mod board;
 mod chip;
+mod device;
 mod exception;
 mod flash_cache;
 mod image;
@@ -34,7 +37,7 @@ mod unit;
 
 pub use image::Image;
 pub use log::Log;
-pub use machine::{Load, Machine};
+pub use machine::{Load, Machine, Motors};
 
 /// Why a run ended: what the image did that the board, or this model of it, does not do.
 #[derive(Debug)]

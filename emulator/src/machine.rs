@@ -7,7 +7,8 @@
 //!
 //! Asleep in WFI or WFE, time jumps to whatever happens next.
 use crate::block::{Block, REFILL};
-use crate::chip::{Chip, Memory, World};
+use crate::chip::{Chip, Memory};
+use crate::device::crsf;
 use crate::exception::{self, ENTRY_CYCLES};
 use crate::flash_cache::FlashCache;
 use crate::nvic::{HARD_FAULT, Masks, SV_CALL};
@@ -41,6 +42,19 @@ pub struct Load {
     pub instructions: u64,
 }
 
+/// What the speed controllers have heard.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Motors {
+    /// What each was told last: a DShot value, or the microseconds of a pulse.
+    pub told: [Option<u16>; 4],
+    /// Frames and pulses that each has understood.
+    pub good: [u32; 4],
+    /// Frames that each could not understand.
+    pub bad: [u32; 4],
+    /// Longest time from a sample of the inertial unit to a frame through after it, core cycles.
+    pub latency_max: u64,
+}
+
 /// The board, running its image.
 pub struct Machine {
     cpu: Cpu,
@@ -60,7 +74,6 @@ enum Sleep {
 /// All that callbacks from the CPU reach.
 struct State {
     chip: Chip,
-    world: Box<dyn World>,
     cache: FlashCache,
     /// By halfword of flash; decoded when first run.
     blocks: Vec<Option<Box<Block>>>,
@@ -85,14 +98,13 @@ struct Open {
 }
 
 impl Machine {
-    /// A board with `image` in its flash, just switched on, its crystal at `hse_hz`.
+    /// A board with `image` in its flash, just switched on.
     ///
     /// # Errors
     /// If the image does not fit, or Unicorn refuses.
-    pub(crate) fn with_world(image: &Image, hse_hz: u64, world: Box<dyn World>) -> Result<Self, Failure> {
+    pub fn new(image: &Image) -> Result<Self, Failure> {
         let state = Rc::new(RefCell::new(State {
-            chip: Chip::new(hse_hz),
-            world,
+            chip: Chip::new(),
             cache: FlashCache::new(),
             blocks: vec![None; FLASH_BYTES as usize / 2],
             open: None,
@@ -114,14 +126,6 @@ impl Machine {
         }
         machine.boot()?;
         Ok(machine)
-    }
-
-    /// A board with nothing connected.
-    ///
-    /// # Errors
-    /// See [`Self::with_world`].
-    pub fn bare(image: &Image, hse_hz: u64) -> Result<Self, Failure> {
-        Self::with_world(image, hse_hz, Box::new(Bare))
     }
 
     /// Runs until the cycle `until`.
@@ -169,6 +173,37 @@ impl Machine {
     pub fn load(&self) -> Load {
         let state = self.state.borrow();
         Load { cycles: state.chip.now, busy: state.busy, instructions: state.instructions }
+    }
+
+    /// Tells the inertial unit how the body moves: forward, right, down; m/s² and rad/s.
+    pub fn move_body(&mut self, force_m_s2: [f32; 3], rate_rad_s: [f32; 3]) {
+        self.state.borrow_mut().chip.board.move_body(force_m_s2, rate_rad_s);
+    }
+
+    /// Sets the battery's voltage, V.
+    pub fn set_battery(&mut self, volts: f32) {
+        self.state.borrow_mut().chip.board.battery_v = volts;
+    }
+
+    /// Lets the radio receiver send a frame with these channels, 172 to 1811.
+    pub fn send_channels(&mut self, channels: [u16; 16]) {
+        self.state.borrow_mut().chip.hear_radio(&crsf::frame(channels));
+    }
+
+    /// When the inertial unit has its next sample, core cycles, if it is on.
+    pub fn next_sample(&self) -> Option<u64> {
+        self.state.borrow().chip.board.imu.next_sample()
+    }
+
+    /// What the speed controllers have heard.
+    pub fn motors(&self) -> Motors {
+        let board = &self.state.borrow().chip.board;
+        Motors {
+            told: board.told(),
+            good: board.escs.map(|esc| esc.good),
+            bad: board.escs.map(|esc| esc.bad),
+            latency_max: board.latency_max,
+        }
     }
 
     /// Faults that the image has handled.
@@ -269,7 +304,7 @@ impl Machine {
             return;
         }
         let next = state.chip.deadline.min(until);
-        state.chip.advance(next, &mut *state.world, &mut Ram(&mut self.cpu.unicorn));
+        state.chip.advance(next, &mut Ram(&mut self.cpu.unicorn));
     }
 
     fn enter(&mut self, exception: u32) -> Result<(), Failure> {
@@ -377,7 +412,7 @@ impl State {
         self.busy += cycles;
         let to = self.chip.now + cycles;
         if self.chip.deadline <= to {
-            self.chip.advance(to, &mut *self.world, memory);
+            self.chip.advance(to, memory);
         } else {
             self.chip.now = to;
         }
@@ -436,15 +471,6 @@ impl Memory for Ram<'_, '_> {
 
     fn write(&mut self, address: u32, bytes: &[u8]) -> bool {
         Self::has(address, bytes.len()) && self.0.mem_write(address.into(), bytes).is_ok()
-    }
-}
-
-/// Nothing is connected: lines float high.
-struct Bare;
-
-impl World for Bare {
-    fn exchange(&mut self, _: usize, _: u16, _: u64) -> u16 {
-        u16::MAX
     }
 }
 

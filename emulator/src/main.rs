@@ -5,8 +5,6 @@ use emulator::{Image, Load, Log, Machine};
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// The crystal of the default board.
-const HSE_HZ: u64 = 8_000_000;
 /// How often the log is fetched, s: faster than the image fills its buffer.
 const LOOK_S: f64 = 0.01;
 
@@ -23,7 +21,7 @@ struct Cli {
 fn main() -> Result<()> {
     let cli = Cli::parse();
     let image = Image::open(&cli.image)?;
-    let mut machine = Machine::bare(&image, HSE_HZ)?;
+    let mut machine = Machine::new(&image)?;
     let mut log = Log::new(&image)?;
     let started = Instant::now();
     let mut time_s = 0.0;

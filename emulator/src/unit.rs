@@ -20,6 +20,8 @@ pub(crate) enum Unit {
     Iwdg,
     Adc,
     Otg,
+    /// What is soldered to the chip.
+    Board,
     Dma(usize),
     Spi(usize),
     Usart(usize),
@@ -28,9 +30,9 @@ pub(crate) enum Unit {
 }
 
 /// How many there are.
-pub(crate) const UNITS: usize = 38;
+pub(crate) const UNITS: usize = 39;
 
-const SINGLE: [Unit; 12] = [
+const SINGLE: [Unit; 13] = [
     Unit::Core,
     Unit::Dwt,
     Unit::Rcc,
@@ -43,17 +45,18 @@ const SINGLE: [Unit; 12] = [
     Unit::Iwdg,
     Unit::Adc,
     Unit::Otg,
+    Unit::Board,
 ];
 
 impl Unit {
     /// Its place among all units.
     pub(crate) fn index(self) -> usize {
         match self {
-            Self::Dma(n) => 12 + n,
-            Self::Spi(n) => 14 + n,
-            Self::Usart(n) => 17 + n,
-            Self::Timer(n) => 23 + n,
-            Self::Gpio(n) => 29 + n,
+            Self::Dma(n) => 13 + n,
+            Self::Spi(n) => 15 + n,
+            Self::Usart(n) => 18 + n,
+            Self::Timer(n) => 24 + n,
+            Self::Gpio(n) => 30 + n,
             single => SINGLE.iter().position(|&unit| unit == single).unwrap_or(0),
         }
     }

@@ -36,9 +36,16 @@ impl Pulse {
         if !share.is_finite() {
             return Self::STOP;
         }
-        let speed = Scalar::sqrt(share.clamp(0.0, 1.0));
+        Self::from_speed(Scalar::sqrt(share.clamp(0.0, 1.0)))
+    }
+
+    /// The pulse of a rotor's speed, as a share of the fastest, 0 to 1.
+    pub fn from_speed(share: f32) -> Self {
+        if !share.is_finite() {
+            return Self::STOP;
+        }
         let span_us = f32::from(Self::FULL.0 - Self::STOP.0);
-        let above_stop_us = (span_us * speed + 0.5) as u16;
+        let above_stop_us = (span_us * share.clamp(0.0, 1.0) + 0.5) as u16;
         Self(Self::STOP.0 + above_stop_us)
     }
 }

@@ -1,6 +1,5 @@
 //! Report: what one second of ticks amounts to, for the log.
-use control_core::{Input, Output};
-
+use crate::flight::Step;
 use crate::pulse::Pulse;
 
 /// One second of flight.
@@ -12,6 +11,10 @@ pub struct Report {
     pub late: u32,
     /// Of these, how many refused their sample as implausible.
     pub rejected: u32,
+    /// Of these, how many had no inertial sample.
+    pub blind: u32,
+    /// Hash of all thrusts since boot: two machines that are given the same samples show the same.
+    pub hash: u32,
     /// Core clock cycles of the dearest tick of this second.
     pub cycles_max: u32,
     /// Largest magnitude of the altitude error in this second, m.
@@ -20,6 +23,14 @@ pub struct Report {
     pub altitude_gains: [f32; 3],
     /// What the motors would be sent if this image could arm.
     pub pulses: [Pulse; 4],
+}
+
+/// FNV-1a, 32 bits, by words: what it starts with and what it multiplies by.
+const HASH_START: u32 = 0x811c_9dc5;
+const HASH_FACTOR: u32 = 0x0100_0193;
+
+fn hash(before: u32, value: f32) -> u32 {
+    (before ^ value.to_bits()).wrapping_mul(HASH_FACTOR)
 }
 
 /// Counts ticks and closes a [`Report`] each second.
@@ -38,6 +49,8 @@ impl Tally {
             ticks: 0,
             late: 0,
             rejected: 0,
+            blind: 0,
+            hash: HASH_START,
             cycles_max: 0,
             altitude_error_m_max: 0.0,
             altitude_gains: [0.0; 3],
@@ -47,10 +60,12 @@ impl Tally {
     }
 
     /// Takes in one tick: what it saw, what it gave, what it cost.
-    pub fn tick(&mut self, input: &Input, output: &Output, pulses: [Pulse; 4], cycles: u32) {
-        let report = &mut self.report;
+    pub fn tick(&mut self, step: &Step, has_sample: bool, pulses: [Pulse; 4], cycles: u32) {
+        let (report, input) = (&mut self.report, &step.input);
         report.ticks = report.ticks.saturating_add(1);
-        report.rejected = report.rejected.saturating_add(output.rejected.into());
+        report.rejected = report.rejected.saturating_add(step.output.rejected.into());
+        report.blind = report.blind.saturating_add((!has_sample).into());
+        report.hash = step.output.thrust_n.into_iter().fold(report.hash, hash);
         report.cycles_max = report.cycles_max.max(cycles);
         let altitude_error_m = (input.setpoint.position_m.z - input.position_m.z).abs();
         report.altitude_error_m_max = report.altitude_error_m_max.max(altitude_error_m);
@@ -75,32 +90,28 @@ impl Tally {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use control_core::{Airframe, Config, Controller, Law};
+    use crate::flight::{Command, Step};
+    use control_core::{Input, Output};
     use std::vec::Vec;
 
     #[test]
     fn a_report_closes_every_second_and_starts_its_maxima_anew() {
-        let airframe = Airframe::paper(2.2);
-        let controller = Controller::<f32>::try_new(&Config::flight(Law::Lgs, airframe)).unwrap();
-        let mut state = controller.hover_state();
         let mut tally = Tally::new(500.0);
         let mut reports = Vec::new();
         for tick in 0..1_000_u16 {
             let mut input = Input::hovering();
             // Sinks back from half a metre too high.
             input.position_m.z = (f32::from(tick) - 1_000.0) / 2_000.0;
-            if tick == 600 {
-                input.rate_rad_s.x = f32::NAN;
-            }
-            let output = controller.tick(&mut state, &input);
-            let pulses = Pulse::from_thrusts(output.thrust_n, &airframe);
-            tally.tick(&input, output, pulses, u32::from(700 - tick / 2));
+            let output = Output { thrust_n: [1.0; 4], rejected: tick == 600 };
+            let step = Step { command: Command::Stop, input, output };
+            tally.tick(&step, tick % 100 != 7, [Pulse::STOP; 4], u32::from(700 - tick / 2));
             reports.extend(tally.close(tick == 10));
         }
-        let counts = |r: &Report| [r.ticks, r.late, r.rejected, r.cycles_max];
+        let counts = |r: &Report| [r.ticks, r.late, r.rejected, r.blind, r.cycles_max];
         let [first, second] = &reports[..] else { panic!("{} reports", reports.len()) };
-        assert_eq!(counts(first), [500, 1, 0, 700]);
-        assert_eq!(counts(second), [1_000, 1, 1, 450]);
+        assert_eq!(counts(first), [500, 1, 0, 5, 700]);
+        assert_eq!(counts(second), [1_000, 1, 1, 10, 450]);
+        assert_ne!(first.hash, second.hash);
         assert!((first.altitude_error_m_max - 0.5).abs() < 1e-6);
         assert!((second.altitude_error_m_max - 0.25).abs() < 1e-6);
     }

@@ -1,24 +1,34 @@
-//! The two tasks, and the line between them.
+//! The tasks, and the lines between them.
 //!
 //! ```text
-//! TIM5 ─► control task, interrupt executor ── one report a second, lock-free queue ─► log task, thread executor
+//! data ready ─► control, interrupt executor ─┬─► motors
+//!                  ▲                         └─ one report a second, lock-free queue ─► log, thread executor
+//!                  └─ newest of each ─ radio and battery, thread executor
 //! ```
 //!
-//! Control preempts the log at any instruction: the queue takes no lock and a log line masks no interrupt. What is left
-//! to delay it are the executors' own critical sections, some dozens of cycles.
-use control_core::{Airframe, Axis, Config, Controller, Input, Law, Output, State};
+//! Control preempts the others at any instruction. What is left to delay it are critical sections of some dozens of cycles.
+use control_core::measurement::{Measurements, Stamped};
 use cortex_m::peripheral::DWT;
 use cortex_m::singleton;
 use defmt_rtt as _;
 use embassy_executor::Spawner;
-use embassy_time::{Duration, Instant, Ticker, Timer};
+use embassy_stm32::adc::SampleTime;
+use embassy_stm32::gpio::Level;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+use embassy_time::{Duration, Instant, Ticker};
 use heapless::spsc::{Consumer, Producer, Queue};
 
-use crate::board::{self, Board, Motors, Status};
+use crate::board::{self, BATTERY_DIVIDER, BatteryChannel, Board, Converter, RADIO_BUFFER, Radio, STATUS_ON, Status};
+use crate::imu::Imu;
+use crate::motors::Motors;
+use firmware::battery;
+use firmware::crsf::{Channels, Receiver};
+use firmware::flight::Flight;
+use firmware::icm42688::{SAMPLE_HZ, WHO_AM_I};
 use firmware::pace::Pace;
 use firmware::pulse::Pulse;
 use firmware::report::{Report, Tally};
-use firmware::synthetic;
 
 /// Reports that may wait for the log: it would have to hang for as many seconds to miss one.
 const REPORTS: usize = 4;
@@ -27,79 +37,59 @@ type Reports = Queue<Report, { REPORTS + 1 }>;
 type Reporter = Producer<'static, Report>;
 type Reader = Consumer<'static, Report>;
 
-/// Thrust over weight of the airframe that is flown.
-const THRUST_TO_WEIGHT: f32 = 2.2;
+/// The newest of what arrives slowly.
+type Newest<T> = Signal<CriticalSectionRawMutex, Stamped<T>>;
+static CHANNELS: Newest<Channels> = Signal::new();
+static BATTERY_V: Newest<f32> = Signal::new();
 
-/// Brings up the board and starts both tasks.
+/// Time after which a step is made without an inertial sample: three of its periods.
+const IMU_WAIT: Duration = Duration::from_micros((3e6 / SAMPLE_HZ) as u64);
+/// Battery readings a second.
+const BATTERY_HZ: u64 = 10;
+
+/// Brings up the board and starts the tasks.
 ///
 /// # Panics
 /// If the configuration is refused or a task is started twice: both before a motor could turn.
 pub(crate) fn start(spawner: Spawner) {
-    let Board { motors, status } = board::init();
+    let radio_buffer = singleton!(: board::RadioBuffer = RADIO_BUFFER).expect("start runs once");
+    let Board { motors, imu_bus, imu_select, imu_ready, radio, battery, status } = board::init(radio_buffer);
     start_cycle_counter();
-    defmt::info!("{=str}: synthetic sensors, no arming: motors are held at the stop pulse", board::NAME);
+    defmt::info!("{=str}: no arming: motors are told to stop", board::NAME);
 
     let reports: &'static mut Reports = singleton!(: Reports = Queue::new()).expect("start runs once");
     let (producer, consumer) = reports.split();
-    let flight = Flight::new();
-    let control = control(flight, motors, producer).expect("control is started once");
+    // Not `expect`: printing a float in text would add 30 KB to the image.
+    let flight = Flight::try_new().unwrap_or_else(|e| {
+        defmt::panic!("{=str}.{=str} = {=f32}, allowed: {=str}", e.part, e.field, e.value, e.allowed)
+    });
+    let imu = Imu::new(imu_bus, imu_select, imu_ready);
+    let control = control(flight, imu, Motors::new(motors), producer).expect("control is started once");
     board::start_control_executor().spawn(control);
+    spawner.spawn(listen(radio).expect("listen is started once"));
+    spawner.spawn(measure_battery(battery.0, battery.1).expect("measure_battery is started once"));
     spawner.spawn(log(consumer, status).expect("log is started once"));
 }
 
-/// The core and what it flies.
-struct Flight {
-    airframe: Airframe,
-    control_hz: f32,
-    controller: Controller,
-    state: State,
-}
-
-impl Flight {
-    fn new() -> Self {
-        let airframe = Airframe::paper(THRUST_TO_WEIGHT);
-        // Not `Config::tolerant`: synthetic sensors do not answer the rotors, and it would find them all at fault.
-        let config = Config::flight(Law::Lgs, airframe);
-        // Not `expect`: printing a float in text would add 30 KB to the image.
-        let controller = Controller::try_new(&config).unwrap_or_else(|e| {
-            defmt::panic!("{=str}.{=str} = {=f32}, allowed: {=str}", e.part, e.field, e.value, e.allowed)
-        });
-        let state = controller.hover_state();
-        Self { airframe, control_hz: config.control_hz, controller, state }
-    }
-
-    /// Ticks the core; returns also what that cost, in cycles.
-    fn tick(&mut self, input: &Input) -> (&Output, u32) {
-        let start = DWT::cycle_count();
-        let output = self.fly(input);
-        (output, DWT::cycle_count().wrapping_sub(start))
-    }
-
-    fn altitude_gains(&self) -> [f32; 3] {
-        self.controller.telemetry(&self.state).axes[Axis::Z as usize].gains
-    }
-
-    /// Not inlined, so that the cycle counter's reads enclose all of the tick and nothing else.
-    #[inline(never)]
-    fn fly(&mut self, input: &Input) -> &Output {
-        self.controller.tick(&mut self.state, input)
-    }
-}
-
-/// Reads, calls the core, writes: at the control rate, above everything but the clock.
+/// Reads, calls the core, writes: at each inertial sample, above everything but drivers and the clock.
 #[embassy_executor::task]
-async fn control(mut flight: Flight, mut motors: Motors, mut reports: Reporter) -> ! {
-    let airframe = flight.airframe;
-    let mut tally = Tally::new(flight.control_hz);
-    let mut pace = Pace::new(flight.control_hz, now_us());
+async fn control(mut flight: Flight, mut imu: Imu, mut motors: Motors, mut reports: Reporter) -> ! {
+    let who = imu.start().await;
+    if who != WHO_AM_I.1 {
+        defmt::error!("the inertial unit says it is {=u8:#04x}, expected {=u8:#04x}", who, WHO_AM_I.1);
+    }
+    let mut tally = Tally::new(SAMPLE_HZ);
+    let mut pace = Pace::new(SAMPLE_HZ, now_us());
     loop {
-        Timer::at(Instant::from_micros(pace.due_us())).await;
-        let time_us = now_us();
-        let input = synthetic::sample(time_us, pace.start(time_us));
-        let (output, cycles) = flight.tick(&input);
-        motors.stop();
-        let pulses = Pulse::from_thrusts(output.thrust_n, &airframe);
-        tally.tick(&input, output, pulses, cycles);
+        let ready = imu.wait(IMU_WAIT).await;
+        let (time_us, started) = (now_us(), DWT::cycle_count());
+        pace.start(time_us);
+        let measurements = read(&mut imu, ready, time_us).await;
+        let step = flight.step(time_us, &measurements);
+        motors.write(step.command).await;
+        let cycles = DWT::cycle_count().wrapping_sub(started);
+        let pulses = Pulse::from_thrusts(step.output.thrust_n, &flight.airframe);
+        tally.tick(&step, measurements.imu.is_some(), pulses, cycles);
         if let Some(report) = tally.close(pace.finish(now_us())) {
             let report = Report { altitude_gains: flight.altitude_gains(), ..report };
             // A full queue means that the log hangs, and then there is nobody to tell.
@@ -108,30 +98,77 @@ async fn control(mut flight: Flight, mut motors: Motors, mut reports: Reporter) 
     }
 }
 
+/// Everything that has arrived since the last look.
+async fn read(imu: &mut Imu, ready: bool, time_us: u64) -> Measurements {
+    let value = if ready { imu.read().await } else { None };
+    Measurements {
+        imu: value.map(|value| Stamped { time_us, value }),
+        battery_v: BATTERY_V.try_take(),
+        ..Measurements::default()
+    }
+}
+
 fn now_us() -> u64 {
     Instant::now().as_micros()
+}
+
+/// Listens to the radio receiver.
+#[embassy_executor::task]
+async fn listen(mut radio: Radio) -> ! {
+    let mut receiver = Receiver::new();
+    let mut bytes = [0; 64];
+    loop {
+        // After noise or an overrun the line is listened to anew: frames have checksums.
+        if let Ok(count) = radio.read(&mut bytes).await
+            && let Some(value) = receiver.push(&bytes[..count])
+        {
+            CHANNELS.signal(Stamped { time_us: now_us(), value });
+        }
+    }
+}
+
+/// Measures the battery.
+#[embassy_executor::task]
+async fn measure_battery(mut converter: Converter, mut channel: BatteryChannel) -> ! {
+    let mut ticker = Ticker::every(Duration::from_hz(BATTERY_HZ));
+    loop {
+        ticker.next().await;
+        let counts = converter.blocking_read(&mut channel, SampleTime::CYCLES480);
+        BATTERY_V.signal(Stamped { time_us: now_us(), value: battery::volts(counts, BATTERY_DIVIDER) });
+    }
 }
 
 /// Writes a line for each report and blinks: below everything.
 #[embassy_executor::task]
 async fn log(mut reports: Reader, mut status: Status) -> ! {
     let mut second = Ticker::every(Duration::from_secs(1));
+    let mut on = false;
     loop {
         second.next().await;
-        status.toggle();
+        on = !on;
+        status.set_level(if on { STATUS_ON } else { inverse(STATUS_ON) });
         while let Some(report) = reports.dequeue() {
             write(&report);
         }
     }
 }
 
+fn inverse(level: Level) -> Level {
+    if level == Level::Low { Level::High } else { Level::Low }
+}
+
 fn write(report: &Report) {
-    let Report { ticks, late, rejected, cycles_max, altitude_error_m_max, .. } = *report;
+    let Report { ticks, late, rejected, blind, cycles_max, altitude_error_m_max, hash, .. } = *report;
     let [k_p, k_i, k_d] = report.altitude_gains;
     let [m1, m2, m3, m4] = report.pulses.map(Pulse::us);
-    defmt::info!("ticks {=u32}, late {=u32}, rejected {=u32}, worst {=u32} cycles", ticks, late, rejected, cycles_max);
+    defmt::info!("ticks {=u32}, late {=u32}, rejected {=u32}, blind {=u32}", ticks, late, rejected, blind);
+    defmt::info!("data ready to frame sent: worst {=u32} cycles; thrusts so far {=u32:08x}", cycles_max, hash);
     defmt::info!("altitude error within {=f32} m, gains {=f32} {=f32} {=f32}", altitude_error_m_max, k_p, k_i, k_d);
     defmt::info!("motors stopped; armed they would get {=u16} {=u16} {=u16} {=u16} us", m1, m2, m3, m4);
+    if let Some(Stamped { value, .. }) = CHANNELS.try_take() {
+        let [roll, pitch, throttle, yaw, arm, ..] = value.0;
+        defmt::info!("pilot {=f32} {=f32} {=f32} {=f32}, arm {=f32}", roll, pitch, throttle, yaw, arm);
+    }
 }
 
 /// Starts the counter behind `DWT::cycle_count`.

@@ -152,8 +152,9 @@ impl Dma {
             0x00 => {
                 let started = value & EN != 0 && stream.cr & EN == 0;
                 let stopped = value & EN == 0 && stream.cr & EN != 0;
-                // Not peripheral flow control, double buffers or bursts.
-                stream.cr = only(value, 0x0e03_7ede | EN | CIRC)?;
+                // Not peripheral flow control, double buffers or bursts to peripherals; bursts from memory only fill the
+                // FIFO earlier.
+                stream.cr = only(value, 0x0f83_7ede | EN | CIRC)?;
                 if started {
                     self.start(index)?;
                 } else if stopped {

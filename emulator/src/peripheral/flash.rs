@@ -5,7 +5,7 @@
 //!
 //! # Source
 //! RM0090, chapter 3.9 "Flash interface registers"; DS8626 table 39.
-use super::{NEVER, only};
+use super::only;
 
 const BSY: u32 = 1 << 16;
 const EOP: u32 = 1;
@@ -106,11 +106,6 @@ impl Flash {
     /// Wait states, and whether the instruction and the data cache are on.
     pub(crate) fn wait_states(&self) -> (u64, bool, bool) {
         (u64::from(self.acr & 7), self.acr & 1 << 9 != 0, self.acr & 1 << 10 != 0)
-    }
-
-    /// Nothing ends by itself that anybody waits for: readers look at BSY.
-    pub(crate) fn next(&self) -> u64 {
-        NEVER
     }
 }
 

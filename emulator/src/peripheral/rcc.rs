@@ -107,11 +107,6 @@ impl Rcc {
         self.enable[(offset as usize - 0x30) / 4] >> bit & 1 != 0
     }
 
-    /// Frequency of the crystal, Hz.
-    pub(crate) fn hse_hz(&self) -> u64 {
-        self.hse_hz
-    }
-
     /// Frequency of the core, Hz.
     pub(crate) fn core_hz(&self) -> u64 {
         let field = |shift: u32, bits: u32| u64::from(self.pllcfgr >> shift & ((1 << bits) - 1));

@@ -1,5 +1,5 @@
 //! The board this image is for. Another board is another file here with the same items, selected below; its flash and
 //! RAM go to `memory.x`.
-mod speedybee_f405_v3;
+mod speedybee_f405_v4;
 
-pub(crate) use speedybee_f405_v3::{Board, Motors, NAME, Status, cut_motors, init, start_control_executor};
+pub(crate) use speedybee_f405_v4::*;
