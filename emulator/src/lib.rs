@@ -14,6 +14,7 @@
 //! | `peripheral/`    | one file a peripheral                                       |
 //! | `board`, `device/` | what is soldered to the chip, one file a device           |
 //! | `image`, `log`   | the ELF; its decoded log                                    |
+//! | `pipe`           | lock-step with another program                              |
 //!
 //! It fails loudly: a register, or a bit of one, that is not modelled ends the run with its name and the program counter.
 //!
@@ -33,6 +34,7 @@ mod log;
 mod machine;
 mod nvic;
 mod peripheral;
+pub mod pipe;
 mod unit;
 
 pub use image::Image;

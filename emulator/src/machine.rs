@@ -195,6 +195,11 @@ impl Machine {
         self.state.borrow().chip.board.imu.next_sample()
     }
 
+    /// Core cycles between samples of the inertial unit.
+    pub fn sample_period(&self) -> u64 {
+        self.state.borrow().chip.board.imu.period()
+    }
+
     /// What the speed controllers have heard.
     pub fn motors(&self) -> Motors {
         let board = &self.state.borrow().chip.board;

@@ -14,5 +14,6 @@ pub mod flight;
 pub mod icm42688;
 pub mod pace;
 pub mod pulse;
+pub mod record;
 pub mod report;
 pub mod synthetic;

@@ -19,6 +19,7 @@ use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, Ticker};
 use heapless::spsc::{Consumer, Producer, Queue};
 
+use crate::black_box;
 use crate::board::{self, BATTERY_DIVIDER, BatteryChannel, Board, Converter, RADIO_BUFFER, Radio, STATUS_ON, Status};
 use crate::imu::Imu;
 use crate::motors::Motors;
@@ -28,6 +29,7 @@ use firmware::flight::Flight;
 use firmware::icm42688::{SAMPLE_HZ, WHO_AM_I};
 use firmware::pace::Pace;
 use firmware::pulse::Pulse;
+use firmware::record::Record;
 use firmware::report::{Report, Tally};
 
 /// Reports that may wait for the log: it would have to hang for as many seconds to miss one.
@@ -80,6 +82,7 @@ async fn control(mut flight: Flight, mut imu: Imu, mut motors: Motors, mut repor
     }
     let mut tally = Tally::new(SAMPLE_HZ);
     let mut pace = Pace::new(SAMPLE_HZ, now_us());
+    let mut number = 0_u32;
     loop {
         let ready = imu.wait(IMU_WAIT).await;
         let (time_us, started) = (now_us(), DWT::cycle_count());
@@ -87,6 +90,8 @@ async fn control(mut flight: Flight, mut imu: Imu, mut motors: Motors, mut repor
         let measurements = read(&mut imu, ready, time_us).await;
         let step = flight.step(time_us, &measurements);
         motors.write(step.command).await;
+        number = number.wrapping_add(1);
+        black_box::keep(&Record::of(number, time_us, &measurements, &step));
         let cycles = DWT::cycle_count().wrapping_sub(started);
         let pulses = Pulse::from_thrusts(step.output.thrust_n, &flight.airframe);
         tally.tick(&step, measurements.imu.is_some(), pulses, cycles);
