@@ -9,14 +9,14 @@
 //! # Source
 //! RM0090, table 1 "STM32F4xx register boundary addresses", table 62 "Vector table".
 use crate::board::{self, Board};
-use crate::nvic::{self, Nvic};
+use crate::nvic::Nvic;
 use crate::peripheral::adc::Adc;
 use crate::peripheral::dbgmcu::Dbgmcu;
-use crate::peripheral::dma::{Dma, Request};
+use crate::peripheral::dma::Dma;
 use crate::peripheral::dwt::Dwt;
 use crate::peripheral::exti::Exti;
-use crate::peripheral::flash::Flash;
-use crate::peripheral::gpio::{Gpio, Mode};
+use crate::peripheral::flash::{Flash, Operation};
+use crate::peripheral::gpio::Gpio;
 use crate::peripheral::iwdg::Iwdg;
 use crate::peripheral::otg::Otg;
 use crate::peripheral::pwr::Pwr;
@@ -31,12 +31,17 @@ use crate::peripheral::usart::Usart;
 use crate::peripheral::{NEVER, Tick};
 use crate::unit::{UNITS, Unit, locate};
 
+mod events;
+mod transfers;
+
 /// Memory as DMA sees it.
 pub(crate) trait Memory {
     /// Fills `bytes` from `address`; false where there is no memory.
     fn read(&mut self, address: u32, bytes: &mut [u8]) -> bool;
     /// Stores `bytes` at `address`; false where there is no memory.
     fn write(&mut self, address: u32, bytes: &[u8]) -> bool;
+    /// Erases flash.
+    fn erase(&mut self, address: u32, bytes: u32);
 }
 
 /// All peripherals.
@@ -46,6 +51,8 @@ pub(crate) struct Chip {
     /// When a peripheral next does something by itself.
     pub(crate) deadline: u64,
     deadlines: [u64; UNITS],
+    /// By place.
+    units: Vec<Unit>,
     /// Cycles that the core has waited for buses since they were last taken.
     pub(crate) bus_wait: u64,
     /// What went wrong first, if anything has.
@@ -88,6 +95,7 @@ impl Chip {
             now: 0,
             deadline: NEVER,
             deadlines: [NEVER; UNITS],
+            units: Unit::all().collect(),
             bus_wait: 0,
             failure: None,
             reset: None,
@@ -120,7 +128,6 @@ impl Chip {
         let board = std::mem::replace(&mut self.board, Board::new());
         *self = Self { now, rtc, board, rcc: Rcc::new(board::HSE_HZ, causes), ..Self::new() };
         self.refresh(Unit::Board);
-        self.find_deadline();
     }
 
     /// Frequency of the core, Hz.
@@ -286,6 +293,9 @@ impl Chip {
         if matches!(unit, Unit::Spi(_) | Unit::Usart(_) | Unit::Timer(_) | Unit::Adc | Unit::Dma(_)) {
             self.run_dma(memory);
         }
+        if let Some(Operation::Erase { start, length }) = self.flash.started.take() {
+            memory.erase(start, length);
+        }
         if unit == Unit::Core {
             for exception in std::mem::take(&mut self.scb.asked) {
                 self.nvic.set_pending(exception);
@@ -294,62 +304,16 @@ impl Chip {
                 self.reset = Some(SFTRSTF);
             }
         }
-        self.find_deadline();
-    }
-
-    fn find_deadline(&mut self) {
-        self.deadline = self.deadlines.into_iter().min().unwrap_or(NEVER);
-    }
-
-    /// Brings the interrupt lines of a unit and the time of its next event up to date.
-    fn refresh(&mut self, unit: Unit) {
-        let t = self.tick(unit);
-        let mut next = NEVER;
-        match unit {
-            Unit::Core => next = self.systick.next(),
-            Unit::Exti => {
-                for (irq, high) in self.exti.interrupts() {
-                    self.nvic.set_line(irq, high);
-                }
-            }
-            Unit::Iwdg => next = self.iwdg.next(),
-            Unit::Timer(n) => {
-                let high = self.timers[n].interrupts();
-                for &irq in timer_interrupts(TIMERS[n]) {
-                    self.nvic.set_line(irq, high);
-                }
-                next = self.timers[n].next(t);
-                self.pass_pulses(n);
-            }
-            Unit::Spi(n) => {
-                self.nvic.set_line([35, 36, 51][n], self.spi[n].interrupts());
-                next = self.spi[n].next();
-            }
-            Unit::Usart(n) => {
-                self.nvic.set_line([37, 38, 39, 52, 53, 71][n], self.usart[n].interrupts());
-                next = self.usart[n].next();
-            }
-            Unit::Dma(n) => {
-                for (irq, high) in self.dma[n].interrupts() {
-                    self.nvic.set_line(irq, high);
-                }
-            }
-            Unit::Adc => {
-                self.nvic.set_line(18, self.adc.interrupts());
-                next = self.adc.next();
-            }
-            Unit::Board => next = self.board.imu.next(),
-            _ => {}
-        }
-        self.deadlines[unit.index()] = next;
     }
 
     /// Lets time pass until `to`; everything due on the way happens in order.
     pub(crate) fn advance(&mut self, to: u64, memory: &mut dyn Memory) {
         while self.deadline <= to {
             self.now = self.now.max(self.deadline);
-            for unit in Unit::all() {
-                if self.deadlines[unit.index()] <= self.now {
+            // In the order of their places, so that two runs do the same.
+            for place in 0..UNITS {
+                if self.deadlines[place] <= self.now {
+                    let unit = self.units[place];
                     self.event(unit);
                     self.settle(unit, memory);
                 }
@@ -357,149 +321,10 @@ impl Chip {
         }
         self.now = self.now.max(to);
     }
-
-    fn event(&mut self, unit: Unit) {
-        let t = self.tick(unit);
-        match unit {
-            Unit::Core => {
-                let interrupts = self.systick.event();
-                if interrupts {
-                    self.nvic.set_pending(nvic::SYS_TICK);
-                }
-            }
-            Unit::Iwdg => {
-                self.reset = Some(IWDGRSTF);
-                self.iwdg = Iwdg::new();
-            }
-            Unit::Timer(n) => self.timers[n].catch_up(t),
-            Unit::Spi(n) => {
-                let answer = self.board.exchange(n, self.spi[n].sent(), t.now);
-                self.spi[n].receive(answer, t);
-                if let Some(register) = self.board.imu.unknown.take() {
-                    self.fail(format!("the inertial unit's register {register:#04x} is not modelled as it is used"));
-                }
-                // It may have been switched on or off.
-                self.refresh(Unit::Board);
-            }
-            Unit::Usart(n) => self.usart[n].event(t),
-            Unit::Adc => {
-                let value = self.board.convert(self.adc.due());
-                self.adc.converted(value, t);
-            }
-            Unit::Board => {
-                if let Some(high) = self.board.event(t.now) {
-                    self.drive(board::IMU_READY, high);
-                }
-            }
-            _ => {}
-        }
-    }
-
-    /// A device drives a pin of the chip.
-    fn drive(&mut self, (port, pin): (usize, u32), high: bool) {
-        if self.gpio[port].drive(pin, high) && self.syscfg.port_of(pin) == port {
-            self.exti.edge(pin, high);
-            self.refresh(Unit::Exti);
-        }
-    }
-
-    /// The chip drives the pins of a port: select lines.
-    fn drive_devices(&mut self, port: usize) {
-        let (select_port, pin) = board::IMU_SELECT;
-        if port == select_port {
-            let low = !self.gpio[port].level(pin);
-            self.board.imu.select(low);
-        }
-    }
-
-    /// Gives the pulses of a timer to the speed controllers whose pins it has.
-    fn pass_pulses(&mut self, n: usize) {
-        for pulse in std::mem::take(&mut self.timers[n].pulses) {
-            let here = |&(timer, channel, (port, pin)): &(usize, usize, (usize, u32))| {
-                let mine = self.gpio[port].mode(pin) == Mode::Alternate(board::MOTOR_FUNCTION);
-                (timer, channel) == (TIMERS[n], pulse.channel) && mine
-            };
-            if let Some(motor) = board::MOTORS.iter().position(here) {
-                self.board.pulse(motor, pulse);
-            }
-        }
-    }
-
-    /// The radio receiver sends these bytes.
-    pub(crate) fn hear_radio(&mut self, bytes: &[u8]) {
-        let unit = Unit::Usart(board::RADIO);
-        let t = self.tick(unit);
-        self.usart[board::RADIO].feed(bytes, t);
-        self.refresh(unit);
-        self.find_deadline();
-    }
-
-    /// Moves beats until nobody asks for one.
-    fn run_dma(&mut self, memory: &mut dyn Memory) {
-        for n in 0..2 {
-            if !self.dma[n].is_on() {
-                continue;
-            }
-            for stream in 0..8 {
-                while let Some(request) = self.dma[n].request(stream)
-                    && self.wants(request)
-                {
-                    self.beat(n, stream, memory);
-                }
-            }
-        }
-    }
-
-    fn wants(&self, request: Request) -> bool {
-        match request {
-            Request::SpiRx(n) => self.spi[n - 1].wants_read(),
-            Request::SpiTx(n) => self.spi[n - 1].wants_write(),
-            Request::UsartRx(n) => self.usart[n - 1].wants_read(),
-            Request::UsartTx(n) => self.usart[n - 1].wants_write(),
-            Request::I2cRx(_) | Request::I2cTx(_) => false,
-            Request::TimerUpdate(n) => {
-                TIMERS.iter().position(|&number| number == n).is_some_and(|n| self.timers[n].wants_dma())
-            }
-            Request::Adc(_) => self.adc.wants_read(),
-        }
-    }
-
-    fn beat(&mut self, dma: usize, stream: usize, memory: &mut dyn Memory) {
-        let beat = self.dma[dma].take(stream);
-        let Some((unit, offset)) = locate(beat.peripheral) else {
-            return self.fail(format!("DMA{} stream {stream} moves to or from {:#010x}", dma + 1, beat.peripheral));
-        };
-        let mut word = [0; 4];
-        let done = if beat.to_peripheral {
-            memory.read(beat.memory, &mut word[..beat.bytes])
-                && self.write_register(unit, offset, beat.bytes, u32::from_le_bytes(word)).is_some()
-        } else {
-            let value = self.read_register(unit, offset);
-            word = value.unwrap_or(0).to_le_bytes();
-            value.is_some() && memory.write(beat.memory, &word[..beat.bytes])
-        };
-        if !done {
-            self.fail(format!("DMA{} cannot do {beat:x?}", dma + 1));
-        }
-        self.refresh(unit);
-        self.refresh(Unit::Dma(dma));
-    }
 }
 
 fn new_timer(number: usize) -> Timer {
     Timer::new(matches!(number, 2 | 5), matches!(number, 1 | 8))
-}
-
-/// Interrupts of a timer; those of the advanced ones for update and compare.
-fn timer_interrupts(number: usize) -> &'static [u32] {
-    match number {
-        1 => &[25, 27],
-        2 => &[28],
-        3 => &[29],
-        4 => &[30],
-        5 => &[50],
-        _ => &[44, 46],
-    }
 }
 
 /// The bus of a unit's registers, for its clock.

@@ -9,42 +9,56 @@
 //! # Source
 //! RM0090 rev 19, 3.5.2 "Adaptive real-time memory accelerator".
 
+use crate::peripheral::flash::FLASH_START;
+
 const LINE_BITS: u32 = 4;
+/// Lines of the largest flash of the family.
+const LINES: usize = 1024 * 1024 >> LINE_BITS;
+/// No line.
+const NOWHERE: u32 = u32::MAX;
 
 /// A fully associative cache of whole lines.
 #[derive(Debug)]
 struct Cache {
-    /// Line numbers, the most recently used last.
-    lines: Vec<u32>,
-    size: usize,
+    /// Line and time of last use of each place.
+    places: Vec<(u32, u64)>,
+    /// By line of flash, one more than the place that holds it, or 0.
+    held: Vec<u8>,
+    /// Reads so far, the clock of last use.
+    reads: u64,
+    last: u32,
     on: bool,
 }
 
 impl Cache {
     fn new(size: usize) -> Self {
-        Self { lines: Vec::with_capacity(size), size, on: false }
+        Self { places: vec![(NOWHERE, 0); size], held: vec![0; LINES], reads: 0, last: NOWHERE, on: false }
     }
 
     /// Reads a line; whether flash had to be asked.
     fn misses(&mut self, line: u32) -> bool {
-        if self.lines.last() == Some(&line) {
+        // The buffer of the line read last, which is there without a cache too.
+        if line == self.last {
             return false;
         }
-        if !self.on {
-            // What remains is the buffer of the line read last.
-            self.lines.clear();
-            self.lines.push(line);
-            return true;
-        }
-        if let Some(at) = self.lines.iter().rposition(|&held| held == line) {
-            self.lines[at..].rotate_left(1);
+        self.last = line;
+        self.reads += 1;
+        let Some(&place) = self.held.get(line as usize).filter(|_| self.on) else { return true };
+        if place > 0 {
+            self.places[usize::from(place) - 1].1 = self.reads;
             return false;
         }
-        if self.lines.len() == self.size {
-            self.lines.remove(0);
-        }
-        self.lines.push(line);
+        self.replace(line);
         true
+    }
+
+    fn replace(&mut self, line: u32) {
+        let oldest = (0..self.places.len()).min_by_key(|&place| self.places[place].1).unwrap_or(0);
+        if let Some(held) = self.held.get_mut(self.places[oldest].0 as usize) {
+            *held = 0;
+        }
+        self.places[oldest] = (line, self.reads);
+        self.held[line as usize] = oldest as u8 + 1;
     }
 }
 
@@ -70,14 +84,18 @@ impl FlashCache {
 
     /// Wait states to fetch the code from `start` to `end`.
     pub(crate) fn fetch(&mut self, start: u32, end: u32) -> u64 {
-        let lines = start >> LINE_BITS..=(end - 1) >> LINE_BITS;
+        let line = |address: u32| address.wrapping_sub(FLASH_START) >> LINE_BITS;
+        let lines = line(start)..=line(end - 1);
         let missed = lines.filter(|&line| self.instructions.misses(line)).count();
         missed as u64 * self.latency
     }
 
     /// Wait states to load the constants at these addresses.
     pub(crate) fn load(&mut self, addresses: &[u32]) -> u64 {
-        let missed = addresses.iter().filter(|&&address| self.data.misses(address >> LINE_BITS)).count();
+        let missed = addresses
+            .iter()
+            .filter(|&&address| self.data.misses(address.wrapping_sub(FLASH_START) >> LINE_BITS))
+            .count();
         missed as u64 * self.latency
     }
 }

@@ -6,25 +6,17 @@
 //! time its block began.
 //!
 //! Asleep in WFI or WFE, time jumps to whatever happens next.
-use crate::block::{Block, REFILL};
-use crate::chip::{Chip, Memory};
 use crate::device::crsf;
 use crate::exception::{self, ENTRY_CYCLES};
-use crate::flash_cache::FlashCache;
-use crate::nvic::{HARD_FAULT, Masks, SV_CALL};
+use crate::nvic::{HARD_FAULT, SV_CALL};
 use crate::peripheral::flash::FLASH_START;
 use crate::{Failure, Image};
 use std::cell::RefCell;
 use std::rc::Rc;
-use unicorn_engine::{Arch, ArmCpuModel, Mode, Prot, RegisterARM as R, Unicorn, uc_error};
+use unicorn_engine::{RegisterARM as R, Unicorn, uc_error};
+use wiring::{FLASH_BYTES, Ram, State, masks, wire};
 
-const FLASH_BYTES: u32 = 1024 * 1024;
-const RAM_START: u32 = 0x2000_0000;
-const RAM_BYTES: u32 = 128 * 1024;
-/// Unicorn maps whole pages.
-const PAGE: u64 = 4096;
-/// Peripherals: APB and AHB1, AHB2, the core's own.
-const PERIPHERALS: [(u64, u64); 3] = [(0x4000_0000, 0x8_0000), (0x5000_0000, 0x4_0000), (0xe000_0000, 0x10_0000)];
+mod wiring;
 
 /// Registers of the CPU, and memory.
 pub(crate) struct Cpu {
@@ -71,49 +63,13 @@ enum Sleep {
     Event,
 }
 
-/// All that callbacks from the CPU reach.
-struct State {
-    chip: Chip,
-    cache: FlashCache,
-    /// By halfword of flash; decoded when first run.
-    blocks: Vec<Option<Box<Block>>>,
-    /// The block that runs, with what it has cost so far.
-    open: Option<Open>,
-    instructions: u64,
-    busy: u64,
-    /// When to stop.
-    until: u64,
-    /// Whether the CPU was stopped between two blocks, by this model.
-    stopped: bool,
-    /// A SEV was run.
-    event: bool,
-}
-
-#[derive(Clone, Copy)]
-struct Open {
-    end: u32,
-    cost: u64,
-    instructions: u32,
-    in_it: bool,
-}
-
 impl Machine {
     /// A board with `image` in its flash, just switched on.
     ///
     /// # Errors
     /// If the image does not fit, or Unicorn refuses.
     pub fn new(image: &Image) -> Result<Self, Failure> {
-        let state = Rc::new(RefCell::new(State {
-            chip: Chip::new(),
-            cache: FlashCache::new(),
-            blocks: vec![None; FLASH_BYTES as usize / 2],
-            open: None,
-            instructions: 0,
-            busy: 0,
-            until: 0,
-            stopped: false,
-            event: false,
-        }));
+        let state = Rc::new(RefCell::new(State::new()));
         let unicorn = wire(&state).map_err(|error| Failure(format!("Unicorn does not start: {error:?}")))?;
         let mut machine = Self { cpu: Cpu { unicorn }, state, asleep: None, event: false, faults: Vec::new() };
         for (address, bytes) in &image.segments {
@@ -372,119 +328,6 @@ impl Machine {
     }
 }
 
-impl State {
-    /// The CPU is about to run a block; whether it must stop instead.
-    fn on_block(&mut self, address: u32, size: u32, unicorn: &mut Unicorn<'_, ()>) -> bool {
-        let in_it = self.open.is_some_and(|open| open.in_it);
-        self.close(address, &mut Ram(unicorn));
-        let chip = &self.chip;
-        self.stopped = chip.failure.is_some()
-            || chip.reset.is_some()
-            || chip.now >= self.until
-            || !in_it && chip.nvic.is_waiting() && chip.nvic.next(masks(unicorn)).is_some();
-        if !self.stopped {
-            self.open(address, size, unicorn);
-        }
-        self.stopped
-    }
-
-    fn open(&mut self, address: u32, size: u32, unicorn: &Unicorn<'_, ()>) {
-        let place = address.wrapping_sub(FLASH_START) as usize / 2;
-        let Some(known) = self.blocks.get_mut(place) else {
-            return self.chip.fail(format!("code at {address:#010x}, which is not flash"));
-        };
-        let block = match known {
-            Some(block) if block.end == address + size => block,
-            _ => {
-                let code = unicorn.mem_read_as_vec(u64::from(address), size as usize).unwrap_or_default();
-                known.insert(Box::new(Block::decode(address, &code)))
-            }
-        };
-        let cost = u64::from(block.cycles) + self.cache.fetch(address, block.end) + self.cache.load(&block.literals);
-        self.event |= block.sends_event;
-        self.open = Some(Open { end: block.end, cost, instructions: block.instructions, in_it: block.in_it });
-    }
-
-    fn close(&mut self, next: u32, memory: &mut dyn Memory) {
-        let Some(open) = self.open.take() else { return };
-        self.instructions += u64::from(open.instructions);
-        let refill = if next == open.end { 0 } else { REFILL };
-        let waited = std::mem::take(&mut self.chip.bus_wait);
-        self.charge(open.cost + refill + waited, memory);
-    }
-
-    fn charge(&mut self, cycles: u64, memory: &mut dyn Memory) {
-        self.busy += cycles;
-        let to = self.chip.now + cycles;
-        if self.chip.deadline <= to {
-            self.chip.advance(to, memory);
-        } else {
-            self.chip.now = to;
-        }
-    }
-}
-
-/// Sets up Unicorn: memory, and its calls into `state`.
-fn wire(state: &Rc<RefCell<State>>) -> Result<Unicorn<'static, ()>, uc_error> {
-    let mut unicorn = Unicorn::new(Arch::ARM, Mode::MCLASS)?;
-    unicorn.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32)?;
-    // No address ends the run.
-    unicorn.ctl_exits_enable()?;
-    unicorn.mem_map(FLASH_START.into(), FLASH_BYTES.into(), Prot::READ | Prot::EXEC)?;
-    unicorn.mem_map(RAM_START.into(), RAM_BYTES.into(), Prot::ALL)?;
-    for (base, bytes) in PERIPHERALS {
-        debug_assert!(bytes % PAGE == 0);
-        let (reader, writer) = (Rc::clone(state), Rc::clone(state));
-        let read = move |unicorn: &mut Unicorn<'_, ()>, offset: u64, bytes: usize| {
-            let chip = &mut reader.borrow_mut().chip;
-            u64::from(chip.read((base + offset) as u32, bytes, &mut Ram(unicorn)))
-        };
-        let write = move |unicorn: &mut Unicorn<'_, ()>, offset: u64, bytes: usize, value: u64| {
-            let state = &mut *writer.borrow_mut();
-            state.chip.write((base + offset) as u32, bytes, value as u32, &mut Ram(unicorn));
-            let (latency, instructions, data) = state.chip.flash.wait_states();
-            state.cache.configure(latency, instructions, data);
-        };
-        unicorn.mmio_map(base, bytes, Some(read), Some(write))?;
-    }
-    let blocks = Rc::clone(state);
-    // From 1 to 0: everywhere.
-    unicorn.add_block_hook(1, 0, move |unicorn, address, size| {
-        let stop = blocks.borrow_mut().on_block(address as u32, size, unicorn);
-        if stop {
-            // Cannot fail: the CPU runs.
-            let _ = unicorn.emu_stop();
-        }
-    })?;
-    Ok(unicorn)
-}
-
-/// RAM and flash, as DMA sees them.
-struct Ram<'a, 'b>(&'a mut Unicorn<'b, ()>);
-
-impl Ram<'_, '_> {
-    fn has(address: u32, length: usize) -> bool {
-        (RAM_START..RAM_START + RAM_BYTES).contains(&address) && length <= (RAM_START + RAM_BYTES - address) as usize
-    }
-}
-
-impl Memory for Ram<'_, '_> {
-    fn read(&mut self, address: u32, bytes: &mut [u8]) -> bool {
-        let in_flash = (FLASH_START..FLASH_START + FLASH_BYTES).contains(&address);
-        (in_flash || Self::has(address, bytes.len())) && self.0.mem_read(address.into(), bytes).is_ok()
-    }
-
-    fn write(&mut self, address: u32, bytes: &[u8]) -> bool {
-        Self::has(address, bytes.len()) && self.0.mem_write(address.into(), bytes).is_ok()
-    }
-}
-
-fn masks(unicorn: &Unicorn<'_, ()>) -> Masks {
-    // A register of the CPU can always be read.
-    let read = |register: R| unicorn.reg_read(register).unwrap_or(0);
-    Masks { primask: read(R::PRIMASK) != 0, faultmask: read(R::FAULTMASK) != 0, basepri: read(R::BASEPRI) as u8 }
-}
-
 impl Cpu {
     pub(crate) fn register(&self, register: R) -> u32 {
         self.wide(register) as u32
@@ -515,4 +358,122 @@ impl Cpu {
         let written = self.unicorn.mem_write(u64::from(address), &bytes);
         written.map_err(|_| Failure(format!("there is no memory at {address:#010x}")))
     }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::wiring::RAM_START;
+    use super::*;
+
+    /// An image of hand-assembled code after a vector table whose handlers are given by number, as indices into the code.
+    fn image(handlers: &[(usize, u32)], code: &[u16]) -> Image {
+        const CODE: u32 = FLASH_START + 0x200;
+        let mut words = vec![0_u32; 0x80];
+        words[0] = RAM_START + 0x1000;
+        words[1] = CODE | 1;
+        for &(exception, index) in handlers {
+            words[exception] = (CODE + 2 * index) | 1;
+        }
+        let mut bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        bytes.extend(code.iter().flat_map(|half| half.to_le_bytes()));
+        Image { elf: Vec::new(), segments: vec![(FLASH_START, bytes)] }
+    }
+
+    fn run(handlers: &[(usize, u32)], code: &[u16]) -> Machine {
+        let mut machine = Machine::new(&image(handlers, code)).unwrap();
+        machine.run_until(10_000).unwrap();
+        machine
+    }
+
+    #[test]
+    fn a_supervisor_call_runs_its_handler_and_comes_back() {
+        let machine = run(
+            &[(11, 6)],
+            &[
+                0x2005, // movs r0, #5
+                0xdf00, // svc 0
+                0x3001, // adds r0, #1
+                0xbf30, // wfi
+                0xe7fd, // b back to it
+                0xbf00, // nop
+                // The handler: r0 on the stack is what it returns.
+                0x9900, // ldr r1, [sp]
+                0x310a, // adds r1, #10
+                0x9100, // str r1, [sp]
+                0x4770, // bx lr
+            ],
+        );
+        assert_eq!(machine.cpu.register(R::R0), 16);
+        assert_eq!(machine.cpu.register(R::SP), RAM_START + 0x1000);
+        assert!(machine.load().busy < 200, "it sleeps: {:?}", machine.load());
+    }
+
+    #[test]
+    fn a_handler_that_uses_the_fpu_does_not_spoil_the_programs_numbers() {
+        let machine = run(
+            &[(11, 12)],
+            &[
+                0x2007, 0xee00, 0x0a10, // movs r0, #7; vmov s0, r0
+                0xdf00, // svc 0
+                0xee10, 0x1a10, // vmov r1, s0
+                0xbf30, // wfi
+                0xe7fd, // b back to it
+                0xbf00, 0xbf00, 0xbf00, 0xbf00, // nops
+                // The handler.
+                0x2009, 0xee00, 0x0a10, // movs r0, #9; vmov s0, r0
+                0x4770, // bx lr
+            ],
+        );
+        assert_eq!(machine.cpu.register(R::R1), 7);
+        assert_eq!(machine.cpu.register(R::SP), RAM_START + 0x1000);
+    }
+
+    #[test]
+    fn an_undefined_instruction_is_a_hard_fault_that_is_noted() {
+        let machine = run(&[(3, 4)], &[0xde00, 0xbf00, 0xbf00, 0xbf00, 0x2203, 0xbf30, 0xe7fd]);
+        assert_eq!(machine.cpu.register(R::R2), 3);
+        assert_eq!(machine.faults().len(), 1, "{:?}", machine.faults());
+        assert!(machine.faults()[0].contains("0x08000200"), "{:?}", machine.faults());
+    }
+
+    #[test]
+    fn a_fault_within_the_fault_handler_locks_up() {
+        let mut machine = Machine::new(&image(&[(3, 0)], &[0xde00])).unwrap();
+        let failure = machine.run_until(10_000).unwrap_err();
+        assert!(failure.0.contains("locks up"), "{failure}");
+    }
+
+    #[test]
+    fn a_register_that_is_not_modelled_ends_the_run_and_is_named() {
+        // ldr r0, =0x40006400 (CAN1); ldr r0, [r0]
+        let mut machine = Machine::new(&image(&[], &[0x4801, 0x6800, 0xbf30, 0xe7fd, 0x6400, 0x4000])).unwrap();
+        let failure = machine.run_until(10_000).unwrap_err();
+        assert!(failure.0.contains("0x40006400"), "{failure}");
+    }
+
+    #[test]
+    fn programming_only_clears_bits_and_only_when_unlocked() {
+        let store = |unlock: bool| {
+            let mut machine = Machine::new(&image(
+                &[],
+                &[
+                    // ldr r0, =address; ldr r1, =value; str r1, [r0]; wfi
+                    0x4802, 0x4903, 0x6001, 0xbf30, 0xe7fd, 0xbf00, 0x0000, 0x080c, 0x00ff, 0xff0f,
+                ],
+            ))
+            .unwrap();
+            machine.cpu.unicorn.mem_write(0x080c_0000, &0x1234_5678_u32.to_le_bytes()).unwrap();
+            if unlock {
+                let flash = &mut machine.state.borrow_mut().chip.flash;
+                for (offset, value) in [(0x04, 0x4567_0123), (0x04, 0xcdef_89ab), (0x10, 0x201)] {
+                    flash.write(offset, value, 0, HSI_HZ).unwrap();
+                }
+            }
+            machine.run_until(10_000).map(|()| machine.word(0x080c_0000).unwrap())
+        };
+        assert_eq!(store(true).unwrap(), 0x1234_5678 & 0xff0f_00ff);
+        assert!(store(false).unwrap_err().0.contains("0x080c0000"));
+    }
+
+    const HSI_HZ: u64 = 16_000_000;
 }

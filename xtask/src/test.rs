@@ -33,5 +33,7 @@ fn tests(workspace: &Workspace) -> Result<()> {
     workspace.cargo(&["test", "--quiet", "--package", "firmware", "--lib"]).run()?;
     // In release, for its other user, `fly-image`, builds Unicorn in release too.
     workspace.cargo(&["test", "--quiet", "--release", "--package", "emulator", "--lib"]).run()?;
+    let emulated = ["--package", "system-tests", "--features", "emulated", "--test", "emulated"];
+    workspace.cargo(&["test", "--quiet", "--release"]).args(emulated).run()?;
     Ok(())
 }

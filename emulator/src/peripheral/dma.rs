@@ -190,9 +190,10 @@ impl Dma {
         (stream.cr & EN != 0).then_some(row.3)
     }
 
-    /// Whether any stream is on.
-    pub(crate) fn is_on(&self) -> bool {
-        self.streams.iter().any(|stream| stream.cr & EN != 0)
+    /// The streams that are on.
+    pub(crate) fn running(&self) -> impl Iterator<Item = usize> + use<> {
+        let on: [bool; 8] = std::array::from_fn(|n| self.streams[n].cr & EN != 0);
+        (0..8).filter(move |&n| on[n])
     }
 
     /// Takes the next beat of a stream, whose request is active.
@@ -261,7 +262,7 @@ mod tests {
     fn a_stream_that_nobody_feeds_is_refused() {
         let mut dma = Dma::new(1);
         assert_eq!(dma.write(0x10, 1 << 25 | EN), Some(()), "I2C1 receives by stream 0, channel 1");
-        assert_eq!(dma.write(0x28, 0 << 25 | EN), None, "nobody modelled asks for stream 1, channel 0");
+        assert_eq!(dma.write(0x28, EN), None, "nobody modelled asks for stream 1, channel 0");
         assert_eq!(dma.write(0x40, 4 << 25 | 1 << 11 | EN), None, "unequal widths");
     }
 }

@@ -375,7 +375,7 @@ mod tests {
     fn an_update_asks_for_a_burst_of_words_to_consecutive_registers() {
         let mut timer = running();
         // From CCR1 (register 13), four.
-        timer.write(0x48, 3 << 8 | 13, at(0));
+        timer.write(0x48, 0x030d, at(0));
         timer.write(0x0c, UDE, at(0));
         assert!(!timer.wants_dma());
         timer.catch_up(at(40));
