@@ -97,7 +97,14 @@ fn every_shipped_scenario_loads_and_says_what_it_shows() {
     let mut titles = std::collections::BTreeSet::new();
     let mut found = Vec::new();
     files(&root().join("scenarios"), "toml", &mut found);
-    for path in found {
+    let (kits, scenarios): (Vec<_>, Vec<_>) =
+        found.into_iter().partition(|path| path.parent().is_some_and(|at| at.ends_with("kits")));
+    let base = root().join("scenarios/flight.toml");
+    for kit in kits {
+        let flown = sim_host::scenario::Scenario::load_with(&base, &[kit]).unwrap_or_else(|error| panic!("{error}"));
+        assert!(flown.sensors.is_some_and(|sensors| sensors.flown));
+    }
+    for path in scenarios {
         let scenario = sim_host::scenario::Scenario::load(&path).unwrap_or_else(|error| panic!("{error}"));
         assert!(!scenario.title.is_empty(), "{}", path.display());
         assert!(titles.insert(scenario.title), "{}: another scenario has its title", path.display());

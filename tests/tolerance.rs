@@ -242,3 +242,45 @@ fn one_rotor_all_but_gone_with_little_thrust_is_flown_without_or_landed_upright(
     });
     assert!(failed.is_empty(), "{} flights:\n{}", failed.len(), failed.join("\n"));
 }
+
+/// Only the turning tells them from a loss of all alike.
+#[test]
+fn two_facing_rotors_lost_silently_are_known_and_the_machine_is_landed() {
+    for (airframe, first) in
+        [(AirframeName::Paper, 0), (AirframeName::Paper, 1), (AirframeName::Os4, 0), (AirframeName::Os4, 1)]
+    {
+        let mut scenario = shipped("opposite_pair_100");
+        scenario.airframe = airframe;
+        scenario.fault[0].rotors = Rotors::new(std::array::from_fn(|i| i % 2 == first));
+        for flown in fly(&scenario, Default, 1, SEEDS) {
+            assert!(!scenario.fault[0].reported, "nobody says so");
+            let landing = flown.landing.expect("it is led down to the ground");
+            let led = flown.account.led_down.expect("it is known why");
+            assert!(landing.touchdown.tilt_rad < UPRIGHT_RAD_MAX && landing.touchdown.speed_m_s < 2.0, "{landing}");
+            assert!(led.rotor == first && led.delay_s < 0.3, "{led:?}");
+        }
+    }
+}
+
+/// How late a rotor's loss is known decides how far it falls and strays at little thrust, not whether it flies.
+#[test]
+fn however_late_a_lost_rotor_is_known_little_thrust_flies_on() {
+    for airframe in [AirframeName::Paper, AirframeName::Os4] {
+        for oracle_delay_s in [0.0, 0.03, 0.06, 0.1, 0.2, 0.5] {
+            let mut scenario = shipped("single_rotor_100");
+            scenario.airframe = airframe;
+            scenario.vehicle.thrust_to_weight = 2.2;
+            scenario.oracle_delay_s = oracle_delay_s;
+            let flights = fly(&scenario, Oracle, 1, SEEDS);
+            assert!(flights.iter().all(Flown::survived), "{airframe:?}, {oracle_delay_s} s late");
+            let worst = |name| metric(&flights, name).1;
+            println!(
+                "| {airframe:?} | {:.0} | {:.2} | {:.1} | {:.2} |",
+                1000.0 * oracle_delay_s,
+                worst("altitude_drop_max_m"),
+                worst("horizontal_excursion_max_m"),
+                worst("tilt_max_rad")
+            );
+        }
+    }
+}

@@ -123,6 +123,11 @@ impl<S: Scalar> Allocator<S> {
         allocation
     }
 
+    /// The thrust of each rotor at `share` of its largest, N.
+    pub(crate) fn alike(&self, share: S) -> [S; 4] {
+        self.max_n.map(|max_n| share * max_n)
+    }
+
     #[inline]
     fn split(&self, demand: &Demand<S>, max_n: [S; 4]) -> Allocation<S> {
         let [max1, max2, max3, max4] = max_n;

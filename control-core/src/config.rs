@@ -209,7 +209,7 @@ impl AxisConfig {
 }
 
 impl AttitudeGains {
-    fn scaled(self, ratio: f32) -> Self {
+    pub(crate) fn scaled(self, ratio: f32) -> Self {
         Self { kp: self.kp * ratio, ki: self.ki * ratio, kd: self.kd * ratio }
     }
 }

@@ -23,7 +23,10 @@ use crate::yaw_guard::YawGuard;
 use crate::{GRAVITY_M_S2, Mask, Scalar};
 
 mod cascade;
+mod manual;
 mod tolerant;
+
+pub use manual::{Lift, Target};
 
 /// Everything that changes in flight.
 #[derive(Clone, Copy, Debug)]
@@ -88,6 +91,7 @@ impl<S: Scalar> Coupling<S> {
 }
 
 /// What is wrong, before anything is done about it.
+#[derive(Clone, Copy)]
 struct Errors<S> {
     position_m: Vec3<Ned, S>,
     velocity_m_s: Vec3<Ned, S>,
@@ -246,6 +250,11 @@ impl<S: Scalar> Controller<S> {
 }
 
 impl<S: Scalar> State<S> {
+    /// The rotor without which the machine spins, 0 to 3, if it does.
+    pub(crate) fn flies_without(&self) -> Option<usize> {
+        self.rotors.spinning.map(|spinning| spinning.rotor)
+    }
+
     fn take(&mut self, allocation: Allocation<S>) {
         self.refused = allocation.refused;
         self.output.thrust_n = allocation.thrust_n;

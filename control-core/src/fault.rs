@@ -23,12 +23,13 @@
 //! rotor's thrust over, one at a time can have a rotor.
 //!
 //! Elsewhere: shapes over time are `fault/profile.rs`, the set of rotors is `fault/rotors.rs`, the flat form of files is
-//! `fault/keys.rs`, ranges are `fault/check.rs`.
+//! `fault/keys.rs`, ranges are `fault/check.rs`. Faults of sensors are `fault/sensors.rs`.
 
 mod check;
 mod keys;
 mod profile;
 mod rotors;
+pub mod sensors;
 
 pub use check::{Allowed, FAULT_S_MAX, FaultError, FaultValue};
 pub use keys::{FaultKeys, FaultName};

@@ -85,6 +85,16 @@ pub fn dead_zone<S: Scalar>(x: S, half_width: S) -> S {
     x - x.clamp_abs(half_width)
 }
 
+/// Cosine of an angle in 0..=π.
+///
+/// # Source
+/// 1 − 2 sin² of half the angle, by the minimax polynomial of degree 7 of the sine on 0..=π/2.
+pub fn cos_half_turn<S: Scalar>(angle_rad: S) -> S {
+    let half = angle_rad * S::from_f32(0.5);
+    let sine = half * polynomial(half * half, [0.999_996_6, -0.166_648_24, 0.008_306_27, -0.000_183_627]);
+    S::ONE - (sine + sine) * sine
+}
+
 /// Sine, for synthetic motion on the board; no law calls it.
 pub fn sin(angle_rad: f32) -> f32 {
     micromath::F32Ext::sin(angle_rad)
@@ -115,6 +125,7 @@ mod tests {
             ("tanh", worst((-20.0, 20.0), f32_of(tanh), libm::tanh), 1.4e-3),
             ("asin", worst((-0.95, 0.95), f32_of(|x| asin_and_cos(x).0), libm::asin), 4.0e-5),
             ("cosine", worst((-0.95, 0.95), f32_of(|x| asin_and_cos(x).1), |x| libm::sqrt(1.0 - x * x)), 1.3e-4),
+            ("cos_half_turn", worst((0.0, core::f64::consts::PI), f32_of(cos_half_turn), libm::cos), 6.0e-6),
             ("sin", worst((-1e3, 1e3), f32_of(sin), libm::sin), 1.2e-3),
             ("cos", worst((-1e3, 1e3), f32_of(cos), libm::cos), 1.2e-3),
         ] {

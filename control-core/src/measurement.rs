@@ -66,8 +66,12 @@ pub struct Vision {
 pub struct Measurements {
     /// Inertial unit.
     pub imu: Option<Stamped<Imu>>,
+    /// A second one, where there are two.
+    pub imu_second: Option<Stamped<Imu>>,
     /// Barometer: altitude in the standard atmosphere, above where it was switched on, m.
     pub baro_altitude_m: Option<Stamped<f32>>,
+    /// A second one, where there are two.
+    pub baro_second_altitude_m: Option<Stamped<f32>>,
     /// Magnetometer, µT.
     pub magnetic_ut: Option<Stamped<Vec3<Body>>>,
     /// Satellite receiver.

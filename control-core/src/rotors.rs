@@ -25,14 +25,18 @@ use crate::config::{ConfigError, positive};
 use crate::filter::LowPass;
 use crate::frames::{Body, Vec3};
 use crate::spin::{Spin, SpinConfig, Spinning};
-use crate::{Demand, Mask, Scalar};
+use crate::{Demand, Scalar};
 
+mod alarm;
 mod health;
 mod lag;
+mod lost;
+mod pair;
 mod suspect;
 mod weather;
 
-pub use health::{Alarm, DetectorConfig, HYPOTHESES};
+pub use alarm::{Alarm, DetectorConfig};
+pub use health::HYPOTHESES;
 use health::{Health, HealthState};
 use lag::Lag;
 
@@ -77,18 +81,8 @@ impl RotorsConfig {
     };
 }
 
-/// Share of what a heading needs below which a rotor is done without.
-const LOST: f32 = 0.7;
-/// Share of what a heading needs above which a rotor is taken back.
-const HEALED: f32 = 1.1;
 /// Share of the vertical residual that the next command takes away: all of it, on the robust law, swings when commands are 20 ms late.
 const VERTICAL: f32 = 0.4;
-/// Share of its maximum at which a stuck rotor leaves the facing one no room.
-const OVERBEARING: f32 = 0.8;
-/// Standard errors that make an estimate sure.
-const SURE: f32 = 2.0;
-/// Yaw rate at which a machine that cannot hold its heading is better off spinning, and at which it has stopped, rad/s.
-const TURNING_RAD_S: (f32, f32) = (8.0, 2.0);
 
 /// What is believed of the rotors, for logs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -105,6 +99,8 @@ pub struct RotorsTelemetry<S = f32> {
     pub lag_s: S,
     /// The rotor without which the machine spins, 0 to 3.
     pub spinning: Option<usize>,
+    /// How far below the setpoint it is led, because two facing rotors are gone, m.
+    pub sunk_m: S,
 }
 
 impl<S: Scalar> RotorsTelemetry<S> {
@@ -117,6 +113,7 @@ impl<S: Scalar> RotorsTelemetry<S> {
             found: self.found,
             lag_s: self.lag_s.to_f32(),
             spinning: self.spinning,
+            sunk_m: self.sunk_m.to_f32(),
         }
     }
 }
@@ -163,6 +160,7 @@ pub(crate) struct RotorsState<S: Scalar> {
     /// m_j through the filter.
     felt_n: [S; 4],
     rate_rad_s: [S; 2],
+    yaw_rad_s: S,
     /// Slope of the filtered rates, rad/s².
     slope_rad_s2: [S; 2],
     /// Roll and pitch acceleration that the rotors are believed to make, rad/s².
@@ -183,6 +181,8 @@ pub(crate) struct RotorsState<S: Scalar> {
     health: HealthState<S>,
     /// The spin, if heading is given up.
     pub(crate) spinning: Option<Spinning<S>>,
+    /// How far below the setpoint a machine that cannot stay up is led, m.
+    pub(crate) sunk_m: S,
 }
 
 impl<S: Scalar> RotorsState<S> {
@@ -192,6 +192,7 @@ impl<S: Scalar> RotorsState<S> {
             made_n: [thrust_n; 4],
             felt_n: [thrust_n; 4],
             rate_rad_s: [S::ZERO; 2],
+            yaw_rad_s: S::ZERO,
             slope_rad_s2: [S::ZERO; 2],
             tilting_rad_s2: [S::ZERO; 2],
             predicted: [S::ZERO; 2],
@@ -204,6 +205,7 @@ impl<S: Scalar> RotorsState<S> {
             turn: 0,
             health: HealthState::new(rotors.and_then(|rotors| rotors.health.as_ref())),
             spinning: None,
+            sunk_m: S::ZERO,
         }
     }
 
@@ -216,6 +218,7 @@ impl<S: Scalar> RotorsState<S> {
             found: self.health.found(),
             lag_s: self.lag.lag_s(),
             spinning: self.spinning.map(|spinning| spinning.rotor),
+            sunk_m: self.sunk_m,
         }
     }
 }
@@ -296,6 +299,7 @@ impl<S: Scalar> Rotors<S> {
             [filter.step(&mut state.rate_rad_s[0], rate.x), filter.step(&mut state.rate_rad_s[1], rate.y)];
         let roll = state.slope_rad_s2[0] - state.predicted[0];
         let pitch = state.slope_rad_s2[1] - state.predicted[1];
+        state.yaw_rad_s = rate.z;
         filter.step(&mut state.force, force_z_m_s2 - made[2]);
         let mut residual = Residual([roll, pitch, state.force]);
         if let Some(health) = &self.health {
@@ -355,38 +359,5 @@ impl<S: Scalar> Rotors<S> {
                 }
             }
         }
-    }
-
-    /// Whether to spin in this tick, and without which rotor.
-    ///
-    /// A rotor is done without if it surely makes less than [`LOST`] of what a heading needs, or if it makes less than that and the body
-    /// turns. Where one is stuck with much thrust, it is the facing one that cannot push as it should. It is taken back when all make
-    /// [`HEALED`] times what a heading needs: then the body is braked, and heading returns when it hardly turns.
-    pub(crate) fn next_spinning(&self, state: &RotorsState<S>, yaw_rate_rad_s: S) -> Option<Spinning<S>> {
-        let s = S::from_f32;
-        let turns = yaw_rate_rad_s.abs();
-        let mut weakest = 0;
-        for rotor in 1..4 {
-            if state.shares[rotor].lt(state.shares[weakest]).all() {
-                weakest = rotor;
-            }
-        }
-        let share = state.shares[weakest];
-        if let Some(spinning) = state.spinning {
-            let healed = (s(HEALED) * self.hover_share).lt(share);
-            let done = healed & turns.lt(s(TURNING_RAD_S.1));
-            return (!done).all().then_some(Spinning { healed: healed.all(), ..spinning });
-        }
-        let turning = share.lt(self.hover_share) & s(TURNING_RAD_S.0).lt(turns);
-        let stuck_n = state.stuck_n[weakest];
-        let (lost, rotor) = if state.health.is_stuck(weakest) {
-            let facing = (weakest + 2) % 4;
-            let rotor = if self.quarter_n.lt(stuck_n).all() { facing } else { weakest };
-            ((s(OVERBEARING) * self.thrust_n_max).lt(stuck_n), rotor)
-        } else {
-            let doubt = if state.told[weakest].is_some() { S::ZERO } else { state.health.uncertainty(weakest) };
-            ((share + s(SURE) * doubt).lt(s(LOST) * self.hover_share), weakest)
-        };
-        (lost | turning).all().then(|| Spinning::without(rotor))
     }
 }

@@ -17,7 +17,8 @@
 //! | K      | `gains`        |         | regulator, tabulated over the spin                           |
 //!
 //! The facing rotor can only push one way: the spin axis leans towards the dead rotor, by h_y, so that in trim it pushes half of what it
-//! may. A body that turns the other way is its mirror image: n1, q, δ and r change sign, nothing else. Beyond 24 rad/s the trim
+//! may. Where the facing rotor is gone as well, there is no trim and no lean: pitch alone steers, and the spin brings every direction
+//! round to it. A body that turns the other way is its mirror image: n1, q, δ and r change sign, nothing else. Beyond 24 rad/s the trim
 //! rises until at 34 rad/s the facing rotor carries half the weight and nothing turns the body further.
 //!
 //! Source: docs/control-law.md, "One rotor gone"; M. W. Mueller, R. D'Andrea, "Stability and control of a quadrocopter despite
@@ -36,6 +37,8 @@ mod riccati;
 
 /// Spin up to which gains are tabulated, one a rad/s.
 const TABLE: usize = 41;
+/// The same for two rotors, one each 2 rad/s.
+const ALONE: usize = 21;
 /// Spin at which the limiter begins and at which it has all, rad/s.
 const LIMITER_RAD_S: (f32, f32) = (19.0, 29.0);
 
@@ -45,6 +48,10 @@ const TAN_TILT_MAX: f32 = 1.260_158_2;
 /// spins, roll goes one way only. A healed machine asks for no more until it has stopped turning, which yields to roll and pitch.
 const ABLE_RAD_S: f32 = 12.0;
 const LEAST_ABLE: f32 = 0.3;
+/// Share of its maximum that a rotor carries at most, so that it can still steer.
+const CARRIED_MAX: f32 = 0.9;
+/// How scarce the facing rotor is that is gone: the regulator does without it.
+const UNAVAILABLE: f32 = 1e3;
 /// Smallest share of the thrust taken to point up.
 const UPRIGHT_MIN: f32 = 0.3;
 
@@ -87,6 +94,8 @@ struct Trim<S> {
 pub(crate) struct Spin<S> {
     /// At each rad/s.
     trims: [Trim<S>; TABLE],
+    /// K's row for pitch where the facing rotor is gone as well, at each second rad/s: there is nothing else.
+    alone: [[S; N]; ALONE],
     /// Unit vector (forward, right) to each rotor.
     towards: [[S; 2]; 4],
     inertia_kg_m2: S,
@@ -99,6 +108,8 @@ pub(crate) struct Spin<S> {
 pub(crate) struct Spinning<S> {
     /// The rotor that is gone, 0 to 3.
     pub(crate) rotor: usize,
+    /// Whether the facing rotor is gone as well.
+    pub(crate) pair: bool,
     /// Whether it works again: the lean is given up, and the body only has to stop turning.
     pub(crate) healed: bool,
     /// Share of the lean that is held: all, and when healed less and less.
@@ -115,7 +126,7 @@ const WIND_RAD_S: f32 = 8.0;
 impl<S: Scalar> Spinning<S> {
     /// Begins to spin without `rotor`.
     pub(crate) fn without(rotor: usize) -> Self {
-        Self { rotor, healed: false, leaning: S::ONE, wind_m_s2: [S::ZERO; 2] }
+        Self { rotor, pair: false, healed: false, leaning: S::ONE, wind_m_s2: [S::ZERO; 2] }
     }
 
     /// Straightens up when healed, and takes the force that the rotors do not make for wind.
@@ -155,6 +166,7 @@ struct Machine {
     /// Roll acceleration per newton of a rotor, 1/(kg m).
     per_newton: f32,
     weight_n: f32,
+    thrust_n_max: f32,
     rotor_momentum: f32,
     motor_lag_s: f32,
     dt_s: f32,
@@ -162,10 +174,13 @@ struct Machine {
 
 impl Machine {
     /// Trim at the yaw rate `r`, rad/s, positive: (β_t, h_y / h_z, k r − h / Ix).
-    fn trim(&self, config: &SpinConfig, r: f32) -> (f32, f32, f32) {
+    fn trim(&self, config: &SpinConfig, pair: bool, r: f32) -> (f32, f32, f32) {
         let half_n = self.weight_n / 2.0;
         let over = ((r - LIMITER_RAD_S.0) / (LIMITER_RAD_S.1 - LIMITER_RAD_S.0)).clamp(0.0, 1.0);
-        let most_n = half_n * (config.trim_max + over * (1.0 - config.trim_max));
+        // What the other two cannot carry while they steer, the facing rotor must.
+        let short_n = self.weight_n - 2.0 * CARRIED_MAX * self.thrust_n_max;
+        let least_n = (half_n * config.trim_max).max(short_n.min(CARRIED_MAX * self.thrust_n_max));
+        let most_n = if pair { 0.0 } else { least_n + over * (half_n - least_n).max(0.0) };
         // The rotors turn against the body, so their momentum makes it less stiff; by how much depends on the trim, a little.
         let mut push_n = most_n;
         let mut stiffness = 0.0;
@@ -181,11 +196,11 @@ impl Machine {
     }
 
     /// The regulator about the trim at `r`.
-    fn regulate<S: Scalar>(&self, config: &SpinConfig, r: f32) -> Trim<S> {
-        let (push, lean, stiffness) = self.trim(config, r);
+    fn regulate<S: Scalar>(&self, config: &SpinConfig, pair: bool, r: f32) -> Trim<S> {
+        let (push, lean, stiffness) = self.trim(config, pair, r);
         let upright = 1.0 / libm::sqrtf(1.0 + lean * lean);
         let quarter = self.weight_n / 4.0 * self.per_newton;
-        let scarce = quarter / push.max(0.02 * quarter);
+        let scarce = if pair { UNAVAILABLE } else { quarter / push.max(0.02 * quarter) };
         let lag = -1.0 / self.motor_lag_s;
         let slope: [[f32; N]; N] = [
             [0.0, r, 0.0, -upright, 0.0, 0.0],
@@ -235,6 +250,14 @@ impl<S: Scalar> Trim<S> {
     }
 }
 
+/// Where `x`, not negative, is in a table of `rows`, two at least: the row below, and the share of the way to the next.
+fn between<S: Scalar>(x: S, rows: usize) -> (usize, S) {
+    let last = rows - 1;
+    let x = x.min(S::from_f32(last as f32));
+    let low = (x.to_f32() as usize).min(last - 1);
+    (low, x - S::from_f32(low as f32))
+}
+
 impl<S: Scalar> Spin<S> {
     pub(crate) fn try_new(
         config: &SpinConfig,
@@ -262,6 +285,7 @@ impl<S: Scalar> Spin<S> {
             inertia_kg_m2,
             per_newton: 0.25 * arms_m.iter().sum::<f32>() / inertia_kg_m2,
             weight_n: airframe.weight_n(),
+            thrust_n_max: airframe.rotors.iter().map(|r| r.thrust_n_max).fold(f32::INFINITY, f32::min),
             rotor_momentum: airframe.rotor_momentum,
             motor_lag_s,
             dt_s: 1.0 / control_hz,
@@ -269,7 +293,11 @@ impl<S: Scalar> Spin<S> {
         let s = S::from_f32;
         let towards = |j: usize| [airframe.rotors[j].forward_m, airframe.rotors[j].right_m].map(|x| s(x / arms_m[j]));
         Ok(Self {
-            trims: core::array::from_fn(|i| machine.regulate(config, i as f32)),
+            trims: core::array::from_fn(|i| machine.regulate(config, false, i as f32)),
+            alone: core::array::from_fn(|i| {
+                let Trim { gains: [_, pitch], .. } = machine.regulate(config, true, 2.0 * i as f32);
+                pitch
+            }),
             towards: core::array::from_fn(towards),
             inertia_kg_m2: s(inertia_kg_m2),
             outer: [s(kp), s(kd)],
@@ -278,11 +306,15 @@ impl<S: Scalar> Spin<S> {
     }
 
     /// The trim at the yaw rate `r`, positive, between the two nearest of the table.
-    fn trim(&self, r: S) -> Trim<S> {
-        let last = TABLE - 1;
-        let r = r.min(S::from_f32(last as f32));
-        let low = (r.to_f32() as usize).min(last - 1);
-        self.trims[low].towards(&self.trims[low + 1], r - S::from_f32(low as f32))
+    fn trim(&self, pair: bool, r: S) -> Trim<S> {
+        if pair {
+            let (low, share) = between(S::from_f32(0.5) * r, ALONE);
+            let (from, to) = (&self.alone[low], &self.alone[low + 1]);
+            let pitch = core::array::from_fn(|i| from[i] + share * (to[i] - from[i]));
+            return Trim { gains: [[S::ZERO; N], pitch], push: S::ZERO, lean: S::ZERO, lean_sine: S::ZERO };
+        }
+        let (low, share) = between(r, TABLE);
+        self.trims[low].towards(&self.trims[low + 1], share)
     }
 
     /// Where the body's down axis should point, body axes, and the thrust, N.
@@ -331,7 +363,7 @@ impl<S: Scalar> Spin<S> {
         let (p, q) = turned(input.rate.x, input.rate.y);
         let (roll, pitch) = turned(input.tilting_rad_s2[0], input.tilting_rad_s2[1]);
         let r = input.rate.z.abs();
-        let Trim { gains, push, lean, lean_sine } = self.trim(r);
+        let Trim { gains, push, lean, lean_sine } = self.trim(spinning.pair, r);
         let [push, lean, lean_sine] = [push, lean, lean_sine].map(|x| x * spinning.leaning);
         let state = [flip(n1), n2 - lean_sine, p, flip(q) - r * lean, roll - push, flip(pitch)];
         let fed = |row: &[S; N]| row.iter().zip(state).fold(S::ZERO, |sum, (&k, x)| sum + k * x);
@@ -351,9 +383,9 @@ mod tests {
     }
 
     /// How far the linear spin at `r` of `airframe`, disturbed, is off its trim after four seconds.
-    fn left_after_four_seconds(airframe: &Airframe, r: f32) -> f32 {
+    fn left_after_four_seconds(airframe: &Airframe, pair: bool, r: f32) -> f32 {
         let spin = spin(airframe);
-        let trim = spin.trim(r);
+        let trim = spin.trim(pair, r);
         let [ix, _, iz] = airframe.inertia_kg_m2;
         let momentum = airframe.rotor_momentum
             * (2.0 * libm::sqrtf(airframe.weight_n() / 2.0) - libm::sqrtf(airframe.weight_n() / 8.0));
@@ -382,10 +414,29 @@ mod tests {
     fn the_regulator_calms_the_spin_at_every_rate_it_flies() {
         for airframe in [Airframe::paper(3.0), Airframe::os4(3.0)] {
             for r in [8.0, 12.0, 20.0, 28.0, 36.0] {
-                let left = left_after_four_seconds(&airframe, r);
+                let left = left_after_four_seconds(&airframe, false, r);
                 assert!(left < 0.1, "{r} rad/s: {left} of 0.2");
             }
         }
+    }
+
+    /// Where Iz = Ix + Iy it cannot: nothing fixed to the body moves its angular momentum.
+    #[test]
+    fn on_two_rotors_the_spin_is_calmed_where_inertia_allows() {
+        for r in [8.0, 12.0, 20.0, 28.0, 36.0] {
+            let left = left_after_four_seconds(&Airframe::os4(3.0), true, r);
+            assert!(left < 0.035, "{r} rad/s: {left} of 0.2");
+        }
+        let flat = left_after_four_seconds(&Airframe { rotor_momentum: 0.0, ..Airframe::paper(3.0) }, true, 20.0);
+        assert!(flat > 0.04, "of what it pointed wrong, 0.05 on each axis, it keeps {flat}");
+    }
+
+    #[test]
+    fn with_little_thrust_the_facing_rotor_carries_what_the_others_cannot() {
+        let airframe = Airframe::paper(1.8);
+        let per_newton = 0.232 / airframe.inertia_kg_m2[0];
+        let push_n = spin(&airframe).trim(false, 15.0).push / per_newton;
+        assert!((push_n / airframe.weight_n() - 0.19).abs() < 0.01, "{push_n}");
     }
 
     #[test]
@@ -394,11 +445,11 @@ mod tests {
             let spin = spin(&airframe);
             let half = 0.232 * airframe.weight_n() / 2.0 / airframe.inertia_kg_m2[0];
             for r in 0..40 {
-                let Trim { push, lean, .. } = spin.trim(r as f32);
+                let Trim { push, lean, .. } = spin.trim(false, r as f32);
                 assert!((0.0..=half * 1.001).contains(&push), "{r}: {push}");
                 assert!((0.0..=0.211).contains(&lean), "{r}: {lean}");
             }
-            assert!((spin.trim(29.0).push / half - 1.0).abs() < 1e-3, "half the weight");
+            assert!((spin.trim(false, 29.0).push / half - 1.0).abs() < 1e-3, "half the weight");
         }
     }
 

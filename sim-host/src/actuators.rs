@@ -104,6 +104,7 @@ pub struct Actuators {
     rotors: [Rotor; 4],
     shares: [f64; 4],
     vibration: Vibration,
+    voltage: f64,
     t_s: f64,
 }
 
@@ -124,6 +125,7 @@ impl Actuators {
             rotors: from_fn(|_| rotor.clone()),
             shares: [1.0; 4],
             vibration: Vibration::default(),
+            voltage: 1.0,
             t_s: 0.0,
         }
     }
@@ -152,6 +154,7 @@ impl Actuators {
             fault.advance(t_s);
         }
         self.shares = self.shares_now(rotor_n);
+        self.voltage = self.voltage_now(rotor_n);
         self.hold_stuck_rotors(rotor_n);
         self.vibration = self.shake(rotor_n);
         self.shares
@@ -177,6 +180,16 @@ impl Actuators {
                 FaultKind::Reversed { share: backwards } => -backwards * share,
                 _ => share,
             })
+        })
+    }
+
+    /// Voltage that is left of a healthy battery's under this load, a share.
+    fn voltage_now(&self, rotor_n: &[f64; 4]) -> f64 {
+        let load = rotor_n.iter().sum::<f64>() / (4.0 * self.vehicle.thrust_n_max());
+        // Its faults are of all rotors.
+        self.on(0).fold(1.0, |voltage, (fault, level)| match fault.fault().kind {
+            FaultKind::BatterySag { sag } => voltage * (1.0 - sag * level * load),
+            _ => voltage,
         })
     }
 
@@ -227,6 +240,11 @@ impl Actuators {
     /// What the sensors feel of it.
     pub fn vibration(&self) -> &Vibration {
         &self.vibration
+    }
+
+    /// Voltage that is left of a healthy battery's, a share.
+    pub fn voltage(&self) -> f64 {
+        self.voltage
     }
 
     /// What a controller may be told.

@@ -18,6 +18,8 @@ use std::process::ExitCode;
 
 mod detect;
 mod limits;
+mod params;
+mod sensors;
 mod suite;
 
 /// Flies quadrotors that lose thrust, and compares the controllers that keep them up.
@@ -40,6 +42,10 @@ enum Command {
     Suite(suite::SuiteArgs),
     /// Print the largest loss of thrust, and the thrusts of a stuck rotor, that a hover survives, by linear program.
     Limits(limits::LimitsArgs),
+    /// Fly once, and print how wrong each sensor was beside the truth.
+    Sensors(sensors::SensorsArgs),
+    /// Print the parameters of the flight logic: names, ranges, values.
+    Params(params::ParamsArgs),
     /// Print the JSON Schema of a scenario.
     Schema,
 }
@@ -48,6 +54,8 @@ enum Command {
 struct FlyArgs {
     /// The scenario, a TOML file.
     scenario: PathBuf,
+    #[command(flatten)]
+    with: With,
     /// Who flies.
     #[arg(long, value_enum, default_value_t = ControllerName::Lgs)]
     controller: ControllerName,
@@ -72,6 +80,8 @@ struct FlyArgs {
 struct CompareArgs {
     /// The scenario, a TOML file.
     scenario: PathBuf,
+    #[command(flatten)]
+    with: With,
     /// Who flies, separated by commas.
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = ControllerName::MAIN)]
     controllers: Vec<ControllerName>,
@@ -90,6 +100,14 @@ struct CompareArgs {
     /// Print results.json instead of the table.
     #[arg(long)]
     json: bool,
+}
+
+/// What is put after a scenario.
+#[derive(Args)]
+struct With {
+    /// Files whose tables are added to the scenario, such as the sensors of scenarios/kits; separated by commas.
+    #[arg(long, value_name = "FILE", value_delimiter = ',')]
+    with: Vec<PathBuf>,
 }
 
 /// Default rows of a log a second: beyond what a rigid body shows.
@@ -117,6 +135,8 @@ pub fn run() -> ExitCode {
         Command::Detect(args) => detect::detect(args),
         Command::Suite(args) => suite::suite(args),
         Command::Limits(args) => limits::limits(args),
+        Command::Sensors(args) => sensors::sensors(args),
+        Command::Params(args) => params::params(args),
         Command::Schema => schema(),
     };
     result.map_or_else(
@@ -151,8 +171,8 @@ fn name_of(scenario: &Path) -> String {
     scenario.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-fn load(file: &Path) -> Result<Scenario, Failure> {
-    Scenario::load(file).map_err(Failure::bad_input)
+fn load(file: &Path, with: &With) -> Result<Scenario, Failure> {
+    Scenario::load_with(file, &with.with).map_err(Failure::bad_input)
 }
 
 fn refused(scenario: &Path, controller: ControllerName) -> impl FnOnce(control_core::ConfigError) -> Failure {
@@ -218,7 +238,7 @@ fn draw_limits(files: &mut Files, comparison: &Comparison) -> Result<Option<(&'s
 }
 
 fn fly(args: &FlyArgs) -> Result<(), Failure> {
-    let scenario = load(&args.scenario)?;
+    let scenario = load(&args.scenario, &args.with)?;
     let folder = folder(args.out.as_ref(), &args.scenario)?;
     let controller = args.controller;
     let seed = args.seed.unwrap_or(scenario.seed);
@@ -263,7 +283,7 @@ fn summary(flown: &Flown) -> String {
 }
 
 fn compare(args: &CompareArgs) -> Result<(), Failure> {
-    let scenario = load(&args.scenario)?;
+    let scenario = load(&args.scenario, &args.with)?;
     let folder = folder(args.out.as_ref(), &args.scenario)?;
     let base = args.seed.unwrap_or(scenario.seed);
     let controllers = chosen(&args.controllers);

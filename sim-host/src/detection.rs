@@ -288,7 +288,15 @@ mod tests {
     use super::*;
 
     fn telemetry(found: [bool; HYPOTHESES], share: f32) -> RotorsTelemetry {
-        RotorsTelemetry { shares: [share; 4], alarm: None, nats: [0.0; HYPOTHESES], found, lag_s: 0.02, spinning: None }
+        RotorsTelemetry {
+            shares: [share; 4],
+            alarm: None,
+            nats: [0.0; HYPOTHESES],
+            found,
+            lag_s: 0.02,
+            spinning: None,
+            sunk_m: 0.0,
+        }
     }
 
     const NONE: [bool; HYPOTHESES] = [false; HYPOTHESES];

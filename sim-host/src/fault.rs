@@ -15,19 +15,19 @@ pub fn in_words(rotors: Rotors) -> String {
 
 /// Something that goes on and off.
 #[derive(Clone, Debug)]
-struct Toggle {
-    on: bool,
+pub(crate) struct Toggle {
+    pub(crate) on: bool,
     until_s: f64,
 }
 
 impl Toggle {
     /// Off, to go on at `from_s`.
-    fn off_until(from_s: f64) -> Self {
+    pub(crate) fn off_until(from_s: f64) -> Self {
         Self { on: false, until_s: from_s }
     }
 
     /// Brings it to `t_s`; `lasts_s` says how long each state lasts.
-    fn advance(&mut self, t_s: f64, mut lasts_s: impl FnMut(bool) -> f64) {
+    pub(crate) fn advance(&mut self, t_s: f64, mut lasts_s: impl FnMut(bool) -> f64) {
         while t_s >= self.until_s {
             self.on = !self.on;
             self.until_s += lasts_s(self.on);

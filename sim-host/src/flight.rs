@@ -1,4 +1,5 @@
 //! One flight: plant, sensors, controller and faults in lock-step.
+use crate::aboard::Aboard;
 use crate::actuators::{Actuators, Told};
 use crate::controllers::ControllerName;
 use crate::ground::Ground;
@@ -6,11 +7,15 @@ use crate::plant::{Actuation, Truth};
 use crate::preflight;
 use crate::reference::Target;
 use crate::scenario::Scenario;
-use crate::sensors::Sensors;
-use crate::wind::Gusts;
+use crate::sensors::{Carrier, Sensors, World};
+use crate::vehicle::Vehicle;
+use crate::wind::{Gust, Gusts};
+use control_core::estimate::Estimate;
+use control_core::measurement::Measurements;
 use control_core::{Config, ConfigError, Controller, Input, Output, Q16, Scalar, Telemetry, WiringFault};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
+use std::collections::VecDeque;
 use std::fmt;
 
 /// The arithmetic the controller flies in.
@@ -51,6 +56,12 @@ pub struct Sample<'a> {
     pub truth: &'a Truth,
     /// What the controller sees.
     pub input: &'a Input,
+    /// What has arrived from the sensors, if the scenario names any.
+    pub measurements: &'a Measurements,
+    /// The board's clock, s.
+    pub clock_s: f64,
+    /// What is believed of the motion, if the scenario names sensors.
+    pub estimate: Option<&'a Estimate>,
     /// What it answers.
     pub output: &'a Output,
     /// What its answer asks of the body: u1 in N, u2 to u4 in N m.
@@ -191,12 +202,20 @@ pub(crate) enum Stream {
     Torque = 4,
     Campaign = 5,
     Preflight = 6,
+    Sensor = 7,
+    SensorFault = 8,
 }
 
 pub(crate) fn random(seed: u64, stream: Stream) -> Pcg64 {
+    random_of(seed, stream, 0)
+}
+
+/// The same for one of many of a kind.
+pub(crate) fn random_of(seed: u64, stream: Stream, index: u8) -> Pcg64 {
     let mut bytes = [0; 32];
     bytes[..8].copy_from_slice(&seed.to_le_bytes());
     bytes[8] = stream as u8;
+    bytes[9] = index;
     // `from_seed` takes the bytes as they are; one round of splitting spreads neighbouring seeds.
     Pcg64::from_rng(&mut Pcg64::from_seed(bytes))
 }
@@ -241,6 +260,10 @@ impl Flight<'_> {
         let dt_s = 1.0 / scenario.control_hz();
         let mut actuators = Actuators::new(&vehicle, &scenario.fault, dt_s, random(self.seed, Stream::Fault));
         let mut actuation = Actuation { drives: actuators.hovering(), gust: gusts.step(dt_s) };
+        let mut aboard = self.aboard(&vehicle, ground, &plant.truth(&actuation), &actuators);
+        let late = (scenario.oracle_delay_s * scenario.control_hz()).round() as usize;
+        let nothing = Measurements::default();
+        let mut news = VecDeque::from(vec![[1.0; 4]; late]);
         let ticks = (scenario.duration_s * scenario.control_hz()).round() as usize;
         for tick in 0..ticks {
             let t_s = tick as f64 * dt_s;
@@ -250,9 +273,19 @@ impl Flight<'_> {
                 drive.share = share;
             }
             let truth = plant.truth(&actuation);
-            let input = sensors.sample(&truth, actuators.vibration(), &target, dt_s);
+            let mut input = sensors.sample(&truth, actuators.vibration(), &target, dt_s);
+            if let Some(aboard) = &mut aboard {
+                let (vibration, voltage) = (actuators.vibration(), actuators.voltage());
+                let rotor_n = &plant.rotor_n(&actuation);
+                aboard.step(&World { t_s, truth: &truth, vibration, rotor_n, gust: &actuation.gust, voltage });
+                if aboard.is_flown() {
+                    input = aboard.input(target.setpoint());
+                }
+            }
             let told = actuators.told();
-            let shares = if self.controller == ControllerName::Oracle { told.truth.map(Some) } else { told.reported };
+            news.push_back(told.truth);
+            let known = news.pop_front().unwrap_or(told.truth);
+            let shares = if self.controller == ControllerName::Oracle { known.map(Some) } else { told.reported };
             controller.report(&mut state, shares.map(|share| share.map(S::from_f32)));
             let output = controller.tick(&mut state, &input.cast()).to_f32();
             let telemetry = controller.telemetry(&state).to_f32();
@@ -265,6 +298,9 @@ impl Flight<'_> {
                 target: &target,
                 truth: &truth,
                 input: &input,
+                measurements: aboard.as_ref().map_or(&nothing, Aboard::measurements),
+                clock_s: aboard.as_ref().map_or(t_s, |aboard| aboard.clock_us(t_s) as f64 * 1e-6),
+                estimate: aboard.as_ref().map(Aboard::estimate),
                 output: &output,
                 telemetry: &telemetry,
                 effectiveness: &effectiveness,
@@ -278,6 +314,19 @@ impl Flight<'_> {
             actuation.gust = gusts.step(dt_s);
         }
         Ok(None)
+    }
+
+    /// Sensors and estimator, if the scenario names any. Those that are flown have seen the start for a while.
+    fn aboard(&self, vehicle: &Vehicle, ground: Ground, start: &Truth, actuators: &Actuators) -> Option<Aboard> {
+        let Self { scenario, seed, .. } = *self;
+        let keys = scenario.sensors.as_ref()?;
+        let carrier =
+            Carrier { vehicle, ground_altitude_m: ground.altitude_m, control_hz: scenario.control_hz(), seed };
+        let mut aboard = Aboard::new(keys, &scenario.sensor_fault, &carrier);
+        let (vibration, gust) = (actuators.vibration(), &Gust::default());
+        let voltage = actuators.voltage();
+        aboard.hold(&World { t_s: 0.0, truth: start, vibration, rotor_n: &start.thrust_n, gust, voltage });
+        Some(aboard)
     }
 
     /// Whether this is the end of the flight.

@@ -2,6 +2,7 @@
 //!
 //! This crate stands in for the airframe and the weather. It holds no control logic: every flight calls
 //! [`control_core::Controller::tick`], as the board does. Here alone random numbers are drawn.
+pub mod aboard;
 pub mod actuators;
 pub mod cli;
 pub mod controllers;

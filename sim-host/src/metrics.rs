@@ -6,7 +6,7 @@ use control_core::{Axis, ConfigError};
 mod account;
 mod list;
 
-pub use account::{Account, FirstAlarm};
+pub use account::{Account, FirstAlarm, LedDown};
 use account::{Accountant, refused};
 pub use list::{METRICS, Metric};
 

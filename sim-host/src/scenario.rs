@@ -4,9 +4,10 @@
 //! is allowed. `sim-host schema` prints the JSON Schema made from these types.
 use crate::controllers::{ControllerKeys, ControllerName};
 use crate::fault::Fault;
+use crate::fault::sensors::SensorFault;
 use crate::plant::PlantKind;
 use crate::reference::Reference;
-use crate::sensors::Noise;
+use crate::sensors::{Noise, SensorKeys};
 use crate::vehicle::{AirframeName, Vehicle, VehicleKeys};
 use crate::wind::Wind;
 use schemars::JsonSchema;
@@ -16,6 +17,7 @@ use std::collections::BTreeMap;
 mod check;
 mod faults;
 mod load;
+mod sensors;
 
 pub use check::THRUST_TO_WEIGHT;
 pub use load::ScenarioError;
@@ -48,6 +50,9 @@ pub struct Scenario {
     /// Whether the wiring is checked on the ground before the flight, which is refused if it is wrong.
     #[serde(default)]
     pub preflight: bool,
+    /// How late the controller `oracle` learns what the rotors answer, s: what a detection that takes so long would cost.
+    #[serde(default)]
+    pub oracle_delay_s: f64,
     /// What differs from the named airframe, and the motors.
     #[serde(default)]
     pub vehicle: VehicleKeys,
@@ -56,12 +61,18 @@ pub struct Scenario {
     /// Sensor noise.
     #[serde(default)]
     pub noise: Noise,
+    /// The parts that measure; left out, the controller is shown the truth with noise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensors: Option<SensorKeys>,
     /// Wind.
     #[serde(default)]
     pub wind: Wind,
     /// Faults.
     #[serde(default)]
     pub fault: Vec<Fault>,
+    /// Faults of the sensors.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sensor_fault: Vec<SensorFault>,
     /// What differs from a controller's own gains, by the name that `compare` knows it by.
     #[serde(default)]
     pub controllers: BTreeMap<ControllerName, ControllerKeys>,

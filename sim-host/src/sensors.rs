@@ -1,7 +1,25 @@
-//! What the controller is shown of the truth: white noise on every channel, and what damaged propellers shake.
+//! What the controller is shown of the truth.
+//!
+//! Either of two ways: [`Sensors`] adds white noise to every channel of it, and what damaged propellers shake; a
+//! [`SensorSuite`] (`[sensors]` in a scenario) stands in for parts that flight boards carry, with their data sheets' errors
+//! and with faults, and leaves it to an estimator to make something of them.
+//!
+//! | file        | what                                                      |
+//! |-------------|-----------------------------------------------------------|
+//! | `suite.rs`  | all sensors of a flight                                   |
+//! | `keys.rs`   | the scenario's keys                                       |
+//! | `parts.rs`  | the data sheets (docs/sensors.md has the sources)         |
+//! | `line.rs`   | rate, latency, time stamps                                |
+//! | `chance.rs` | random processes, registers                               |
+//! | `broken.rs` | faults                                                    |
+//! | `account.rs`| how wrong the readings of a flight were                   |
+//! | the others  | one kind of sensor each, its equations at the top         |
 use crate::actuators::Vibration;
+use crate::fault::sensors::Sensor;
+use crate::flight::{Stream, random_of};
 use crate::plant::Truth;
 use crate::reference::Target;
+use crate::wind::Gust;
 use control_core::Input;
 use control_core::frames::{Attitude, Vec3};
 use nalgebra::{Matrix3, Vector3};
@@ -9,6 +27,26 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+mod account;
+mod air;
+mod broken;
+mod chance;
+mod down;
+mod field;
+mod gnss;
+mod imu;
+mod keys;
+mod line;
+mod parts;
+mod power;
+mod suite;
+mod vision;
+
+pub use account::Account;
+pub use keys::{BatteryKeys, Each, EarthKeys, RotorSpeedPart, SensorKeys, SkyKeys};
+pub use parts::{BaroPart, FlowPart, GnssPart, ImuPart, MagPart, RangePart, VisionPart};
+pub use suite::{Carrier, SensorSuite};
 
 /// `[noise]`: standard deviation of the white noise on each channel, one draw a tick.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema)]
@@ -68,6 +106,28 @@ impl Sensors {
             setpoint: target.setpoint(),
         }
     }
+}
+
+/// All that sensors feel at one tick.
+#[derive(Clone, Copy)]
+pub struct World<'a> {
+    /// Time, s.
+    pub t_s: f64,
+    /// Where the machine is and how it moves.
+    pub truth: &'a Truth,
+    /// What damaged propellers shake.
+    pub vibration: &'a Vibration,
+    /// What each rotor's speed would make in thrust, without a fault, N.
+    pub rotor_n: &'a [f64; 4],
+    /// The air.
+    pub gust: &'a Gust,
+    /// Voltage that is left of a healthy battery's, a share.
+    pub voltage: f64,
+}
+
+/// The random numbers of one sensor, of its first unit or of its second.
+fn stream(seed: u64, sensor: Sensor, unit: u8) -> chance::Chance {
+    chance::Chance(random_of(seed, Stream::Sensor, 2 * sensor as u8 + unit - 1))
 }
 
 fn narrow<F: Copy>(v: &Vector3<f64>) -> Vec3<F> {

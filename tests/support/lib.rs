@@ -7,8 +7,12 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::OnceLock;
 
+pub mod bench;
 #[cfg(feature = "emulated")]
 pub mod emulator;
+pub mod garbage;
+pub mod motion;
+pub mod rig;
 pub mod symbols;
 
 /// The root of the workspace.

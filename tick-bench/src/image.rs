@@ -1,6 +1,6 @@
 //! The program: replay, compare, print.
 use crate::count::Counter;
-use crate::{math, record};
+use crate::{estimator, math, record};
 use control_core::{Controller, Input, Output, State};
 use core::fmt::{self, Display};
 use core::hint::black_box;
@@ -20,6 +20,7 @@ fn main() -> ! {
 fn run() -> Result<(), &'static str> {
     let peripherals = cortex_m::Peripherals::take().ok_or("the peripherals are taken")?;
     let counter = Counter::new(peripherals.SYST);
+    estimator::print(&counter)?;
     let record::Record { config, ticks } = record::flight().ok_or("no tick record at 0x21000000")?;
     let controller = Controller::try_new(black_box(&config)).map_err(|_| "the flight configuration is refused")?;
     hprintln!("{}", replay(&counter, &controller, ticks));

@@ -6,6 +6,8 @@
 //!
 //! ```text
 //! tick ticks=35000 worst=700 mean=690.5 worst_at=12 rejected=0 differing=0 first_differing=none
+//! estimator arrival=gnss path=900 step=9000
+//! estimator_bytes state=6000 settings=300
 //! math function=tanh core=40 libm=104 micromath=136
 //! ```
 //!
@@ -14,6 +16,8 @@
 
 #[cfg(target_os = "none")]
 mod count;
+#[cfg(target_os = "none")]
+mod estimator;
 #[cfg(target_os = "none")]
 mod image;
 #[cfg(target_os = "none")]

@@ -12,7 +12,9 @@ use crate::{Demand, Mask, Scalar};
 const INTEGRAL_GATE_M: f32 = 0.5;
 
 /// Altitude's place among the axes.
-const Z: usize = 2;
+pub(super) const Z: usize = 2;
+/// Heading's.
+pub(super) const PSI: usize = 3;
 
 impl<S: Scalar> Controller<S> {
     /// Thrust and torques, the body's own coupling not yet taken away.
@@ -38,7 +40,7 @@ impl<S: Scalar> Controller<S> {
 
     /// The fast part of the four adaptive axes: accelerations north and east, force up; and the yaw torque.
     #[inline(always)]
-    fn command(&self, state: &mut State<S>, errors: &Errors<S>, dt_s: S) -> (Outer<S>, S) {
+    pub(super) fn command(&self, state: &mut State<S>, errors: &Errors<S>, dt_s: S) -> (Outer<S>, S) {
         let low_pass = LowPass::new(self.filter_rad_s, dt_s);
         let Errors { position_m: e, velocity_m_s: v, acceleration_m_s2: a, yaw_rad, yaw_rate_rad_s } = *errors;
         let [x, y, z, psi] = &self.axes;
@@ -82,7 +84,14 @@ impl<S: Scalar> Controller<S> {
     }
 
     /// The slow part of one axis, x, y, z or psi. Heading learns nothing while the guard brakes.
-    fn learn_axis(&self, axis: usize, state: &mut State<S>, errors: &Errors<S>, braking: S::Mask, since_s: S) {
+    pub(super) fn learn_axis(
+        &self,
+        axis: usize,
+        state: &mut State<S>,
+        errors: &Errors<S>,
+        braking: S::Mask,
+        since_s: S,
+    ) {
         let error = errors.position_m;
         let lesson = |error, refused| Lesson { error, refused, integrate: S::Mask::splat(true), dt_s: since_s };
         let lesson = match axis {
@@ -101,7 +110,7 @@ impl<S: Scalar> Controller<S> {
 
     /// The torques that roll and pitch want.
     #[inline(always)]
-    fn inner(
+    pub(super) fn inner(
         &self,
         state: &mut State<S>,
         rate: Vec3<Body, S>,
@@ -125,7 +134,7 @@ impl<S: Scalar> Controller<S> {
         [self.roll.step(roll_integral, &roll), self.pitch.step(pitch_integral, &pitch)]
     }
 
-    fn braking(&self, state: &mut State<S>, error_rad: S, rate_rad_s: S, dt_s: S) -> S::Mask {
+    pub(super) fn braking(&self, state: &mut State<S>, error_rad: S, rate_rad_s: S, dt_s: S) -> S::Mask {
         match self.cascade {
             Cascade::Paper => S::Mask::splat(false),
             Cascade::Flight => state.guard.step(error_rad, rate_rad_s, state.refused.yaw_nm, dt_s),

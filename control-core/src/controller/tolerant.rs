@@ -7,14 +7,21 @@
 //! | healed  | spin    | it does not any more                                                                            |
 //! | healed  | cascade | the body hardly turns                                                                           |
 //!
+//! A machine on two rotors is led down at [`SINK_M_S`]: their torque spins it up beyond what a gyro measures, and one whose inertia about
+//! the vertical is the sum of the others cannot be steered at all. If the rotors come back it is led up again.
+//!
 //! What a heading needs of each rotor is a quarter of the weight, 1/R of its maximum with R the thrust-to-weight ratio. Altitude
 //! is held by the same law throughout; place and heading keep what they had learnt before.
 use super::{Controller, Errors, State};
 use crate::guidance::Angles;
-use crate::rotors::Rotors;
+use crate::rotors::{Rotors, RotorsState};
 use crate::signals::Input;
 use crate::spin::{SpinInput, Wanted};
-use crate::{Demand, Scalar};
+use crate::{Demand, Mask, Scalar};
+use core::hint::cold_path;
+
+/// Speed at which a machine on two rotors is led down, m/s: its feet bear 2.
+const SINK_M_S: f32 = 1.4;
 
 impl<S: Scalar> Controller<S> {
     #[cold]
@@ -35,6 +42,7 @@ impl<S: Scalar> Controller<S> {
         let spinning = rotors.next_spinning(&state.rotors, rate.z);
         state.rotors.spinning = spinning;
         let demand = if let (Some(spin), Some(mut spinning)) = (&rotors.spin, spinning) {
+            let errors = &errors.led_down(&mut state.rotors, spinning.pair, dt_s);
             let up_n = self.altitude(state, errors, dt_s);
             spinning.advance(input, &residual, dt_s);
             state.rotors.spinning = Some(spinning);
@@ -48,6 +56,7 @@ impl<S: Scalar> Controller<S> {
             let [roll_nm, pitch_nm] = spin.torque_nm(&spinning, &SpinInput { tilting_rad_s2, pointing, rate });
             Demand { thrust_n, roll_nm, pitch_nm, yaw_nm: self.brake_nm(rate.z) }
         } else {
+            let errors = &errors.led_down(&mut state.rotors, false, dt_s);
             let wanted = self.wanted(state, rate, angles, errors, dt_s);
             rotors.demand(&wanted.with_torque(coupling), &residual)
         };
@@ -55,5 +64,21 @@ impl<S: Scalar> Controller<S> {
         let mut allocation = self.allocator.allocate_weakened(&demand, &state.rotors.shares);
         rotors.tell_stuck(&state.rotors, &mut allocation.thrust_n);
         state.take(allocation);
+    }
+}
+
+impl<S: Scalar> Errors<S> {
+    /// The errors of a machine that is led down while `sinking`, and up again after.
+    #[inline(always)]
+    fn led_down(&self, rotors: &mut RotorsState<S>, sinking: bool, dt_s: S) -> Self {
+        let mut led = *self;
+        if sinking || S::ZERO.lt(rotors.sunk_m).all() {
+            cold_path();
+            let speed_m_s = S::from_f32(if sinking { SINK_M_S } else { -SINK_M_S });
+            rotors.sunk_m = (rotors.sunk_m + speed_m_s * dt_s).max(S::ZERO);
+            led.position_m.z = led.position_m.z + rotors.sunk_m;
+            led.velocity_m_s.z = led.velocity_m_s.z + speed_m_s;
+        }
+        led
     }
 }

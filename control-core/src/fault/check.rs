@@ -1,5 +1,5 @@
 //! The range of every parameter of a fault, and what of it cannot be together.
-use super::{Fault, FaultKind, FaultName, Intermittent, Profile, PulseTrain, Ramp, Recurrence, Rotors, Sine};
+use super::{Fault, FaultKind, Intermittent, Profile, PulseTrain, Ramp, Recurrence, Rotors, Sine};
 use core::fmt;
 
 /// Latest end of a fault: two hours, s.
@@ -32,12 +32,12 @@ pub enum FaultValue {
 pub enum Allowed {
     /// Within two bounds, both included.
     Range(f64, f64),
-    /// Something given.
-    GivenWith(FaultName),
-    /// Left out.
-    LeftOutWith(FaultName),
-    /// What the first words say with this kind, because of the second.
-    With(&'static str, FaultName, &'static str),
+    /// Something given, with the kind of this name.
+    GivenWith(&'static str),
+    /// Left out, with the kind of this name.
+    LeftOutWith(&'static str),
+    /// What the first words say with the kind of this name, because of the last.
+    With(&'static str, &'static str, &'static str),
     /// What the words say.
     Words(&'static str),
 }
@@ -73,10 +73,10 @@ impl fmt::Display for FaultError {
 
 impl core::error::Error for FaultError {}
 
-type Check = Result<(), FaultError>;
+pub(super) type Check = Result<(), FaultError>;
 
 /// Refuses a number outside `low..=high`; NaN is outside.
-fn range(key: &'static str, value: f64, low: f64, high: f64) -> Check {
+pub(super) fn range(key: &'static str, value: f64, low: f64, high: f64) -> Check {
     if (low..=high).contains(&value) {
         return Ok(());
     }
@@ -84,7 +84,7 @@ fn range(key: &'static str, value: f64, low: f64, high: f64) -> Check {
 }
 
 /// Refuses what is not so.
-fn must(so: bool, key: &'static str, value: FaultValue, allowed: Allowed) -> Check {
+pub(super) fn must(so: bool, key: &'static str, value: FaultValue, allowed: Allowed) -> Check {
     if so { Ok(()) } else { Err(FaultError { key, value, allowed }) }
 }
 
@@ -99,7 +99,7 @@ impl Fault {
         range("from_s", self.from_s, 0.0, FAULT_S_MAX)?;
         range("until_s", self.until_s, self.from_s, FAULT_S_MAX)?;
         self.profile.check()?;
-        let (name, shape) = (self.kind.name(), FaultValue::Word(self.profile.name()));
+        let (name, shape) = (self.kind.name().as_str(), FaultValue::Word(self.profile.name()));
         let fits = self.kind.is_graded() || !self.profile.is_gradual();
         let whole = Allowed::With("step, pulse_train or intermittent", name, "which is there or not");
         must(fits, "profile", shape, whole)?;
@@ -111,7 +111,7 @@ impl Fault {
     }
 
     fn check_rotors(&self) -> Check {
-        let (count, name) = (self.rotors.count(), self.kind.name());
+        let (count, name) = (self.rotors.count(), self.kind.name().as_str());
         let (enough, allowed) = match self.kind {
             FaultKind::BatterySag { .. } => (count == 4, Allowed::With("[1, 2, 3, 4]", name, "which is of all rotors")),
             FaultKind::Swapped => (count == 2, Allowed::With("a list of two rotors", name, "which exchanges them")),
@@ -153,7 +153,7 @@ impl FaultKind {
 }
 
 impl Profile {
-    fn check(self) -> Check {
+    pub(super) fn check(self) -> Check {
         /// Shortest time that a shape has, s.
         const LEAST_S: f64 = 0.001;
         match self {

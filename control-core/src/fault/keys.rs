@@ -39,9 +39,10 @@ pub enum FaultName {
     Swapped,
 }
 
-impl fmt::Display for FaultName {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
+impl FaultName {
+    /// The name in files.
+    pub const fn as_str(self) -> &'static str {
+        match self {
             Self::LossOfEffectiveness => "loss_of_effectiveness",
             Self::Stopped => "stopped",
             Self::Stuck => "stuck",
@@ -55,7 +56,13 @@ impl fmt::Display for FaultName {
             Self::BatterySag => "battery_sag",
             Self::Reversed => "reversed",
             Self::Swapped => "swapped",
-        })
+        }
+    }
+}
+
+impl fmt::Display for FaultName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
     }
 }
 
@@ -194,7 +201,7 @@ impl FaultKind {
     /// The kind that `keys` name, with the parameters it needs.
     fn read(keys: &FaultKeys) -> Result<Self, FaultError> {
         let need = |key: &'static str, value: Option<f64>| {
-            let (value_found, allowed) = (FaultValue::Word("nothing"), Allowed::GivenWith(keys.kind));
+            let (value_found, allowed) = (FaultValue::Word("nothing"), Allowed::GivenWith(keys.kind.as_str()));
             value.ok_or(FaultError { key, value: value_found, allowed })
         };
         Ok(match keys.kind {
@@ -238,7 +245,7 @@ impl TryFrom<FaultKeys> for Fault {
         let known = FaultKeys::from(fault);
         for ((key, given), (_, known)) in keys.parameters().zip(known.parameters()) {
             if let (Some(value), None) = (given, known) {
-                let (value, allowed) = (FaultValue::Number(value), Allowed::LeftOutWith(keys.kind));
+                let (value, allowed) = (FaultValue::Number(value), Allowed::LeftOutWith(keys.kind.as_str()));
                 return Err(FaultError { key, value, allowed });
             }
         }

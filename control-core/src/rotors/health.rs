@@ -14,6 +14,8 @@
 //! a quarter of the weight, until it pulls just that. It must lead by a handicap: the facing rotor's loss looks much the same.
 //!
 //! Source: docs/control-law.md, "Watching the rotors"; E. S. Page, "Continuous inspection schemes", 1954.
+use super::alarm::{Alarm, DetectorConfig};
+use super::pair::{Pairs, Trial, Verdict};
 use super::suspect::{Evidence, Suspect};
 use super::weather::{Climate, Weather};
 use super::{Column, Residual, RotorsState};
@@ -22,63 +24,6 @@ use crate::config::{ConfigError, positive};
 use crate::filter::LowPass;
 use crate::math::tanh;
 use crate::{Mask, Scalar};
-
-/// What the detector takes for ordinary.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DetectorConfig {
-    /// Loss that is looked for, as a share of the thrust.
-    pub loss: f32,
-    /// S that is an alarm, nats.
-    pub alarm_nats: f32,
-    /// White noise of the gyro, a tick, rad/s.
-    pub gyro_noise_rad_s: f32,
-    /// White noise of the accelerometer, a tick, m/s².
-    pub accelerometer_noise_m_s2: f32,
-    /// Torque of the weather about each axis, root mean square, N m.
-    pub torque_rms_nm: f32,
-    /// Vertical force of the weather, root mean square, N.
-    pub force_rms_n: f32,
-}
-
-impl DetectorConfig {
-    /// The sensors and the weather of the shipped scenarios.
-    pub const NOMINAL: Self = Self {
-        loss: 0.3,
-        alarm_nats: 7.0,
-        gyro_noise_rad_s: 0.01,
-        accelerometer_noise_m_s2: 0.2,
-        torque_rms_nm: 0.01,
-        force_rms_n: 0.15,
-    };
-}
-
-impl<S: Scalar> Alarm<S> {
-    /// The same in the format of logs.
-    pub(super) fn to_f32(self) -> Alarm {
-        Alarm {
-            rotor: self.rotor,
-            stuck: self.stuck,
-            onset_age_s: self.onset_age_s.to_f32(),
-            loss: self.loss.to_f32(),
-            confidence: self.confidence.to_f32(),
-        }
-    }
-}
-
-/// A loss that was found.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Alarm<S = f32> {
-    /// The rotor, 0 to 3; `None` if all lost alike.
-    pub rotor: Option<usize>,
-    /// Whether it pulls more than it is told.
-    pub stuck: bool,
-    /// How long before the alarm it began, s.
-    pub onset_age_s: S,
-    /// Share of the thrust that is lost now; of a stuck rotor, what a quarter of the weight exceeds its thrust by, as a share of it.
-    pub loss: S,
-    /// Probability that it is this one rather than the next likeliest, or none.
-    pub confidence: S,
-}
 
 /// Loss of rotors 1 to 4, of all, and excess of rotors 1 to 4.
 pub const HYPOTHESES: usize = 9;
@@ -109,6 +54,7 @@ pub(crate) struct Health<S> {
     /// The same of an excess.
     excess_per_s: (S, S),
     alarm_nats: S,
+    pairs: Pairs<S>,
     /// A quarter of the weight, N, and its inverse.
     quarter_n: S,
     quarter_inverse: S,
@@ -120,13 +66,15 @@ pub(crate) struct HealthState<S> {
     suspects: [Suspect<S>; HYPOTHESES],
     /// How many of them are found.
     found: usize,
+    /// Whether a loss of all is one of a pair: open until it is known.
+    trial: Option<Trial<S>>,
     weather: Weather<S>,
 }
 
 impl<S: Scalar> HealthState<S> {
     pub(super) fn new(health: Option<&Health<S>>) -> Self {
         let weather = Weather::unknown(health.map(|health| &health.climate));
-        Self { suspects: [Suspect::innocent(); HYPOTHESES], found: 0, weather }
+        Self { suspects: [Suspect::innocent(); HYPOTHESES], found: 0, trial: None, weather }
     }
 
     /// Whether nothing is found, and nothing suspected.
@@ -225,6 +173,7 @@ impl<S: Scalar> Health<S> {
             loss_per_s: rates(loss),
             excess_per_s: rates(EXCESS_SOUGHT),
             alarm_nats: s(alarm_nats),
+            pairs: Pairs::new(airframe),
             quarter_n: s(airframe.weight_n() / 4.0),
             quarter_inverse: s(4.0 / airframe.weight_n()),
         })
@@ -250,7 +199,11 @@ impl<S: Scalar> Health<S> {
         } else {
             state.health.weather.learn(&self.climate, &residual.0, dt_s);
         }
-        let HealthState { suspects, found, weather } = &mut state.health;
+        if state.spinning.is_some_and(|spinning| spinning.pair) {
+            // Of two rotors none can be spared: whatever else is felt, it is weather.
+            return;
+        }
+        let HealthState { suspects, found, weather, .. } = &mut state.health;
         let scaled = |(gain, drift): (S, S)| (gain * dt_s, drift * dt_s);
         let (loss, excess) = (scaled(self.loss_per_s), scaled(self.excess_per_s));
         let limit = self.alarm_nats;
@@ -276,6 +229,8 @@ impl<S: Scalar> Health<S> {
         }
         if alarmed.all() {
             self.accuse(state);
+        } else if state.health.trial.is_some() {
+            self.try_pairs(state, dt_s);
         }
     }
 
@@ -318,13 +273,37 @@ impl<S: Scalar> Health<S> {
         let risen = (half + half) / (S::ONE + half);
         suspects[likeliest] = Suspect::caught(suspects[likeliest].age_s, risen, nats - next);
         *found += 1;
-        if let Some(j) = likeliest.checked_sub(EXCESS) {
+        if likeliest == ALL {
+            state.health.trial = Some(Pairs::open(state.yaw_rad_s));
+        } else if let Some(j) = likeliest.checked_sub(EXCESS) {
             // From here on its thrust is a number: what it was believed to be.
             let factor = state.felt_n[j] * suspects[ALL].factor * suspects[j].factor * self.quarter_inverse;
             suspects[likeliest].factor = factor;
             *found -= usize::from(suspects[j].found);
             suspects[j] = Suspect::innocent();
         }
+        self.settle(state);
+    }
+
+    /// Finds out whether it is a pair that lost, where it seems to be all.
+    #[cold]
+    fn try_pairs(&self, state: &mut RotorsState<S>, dt_s: S) {
+        let HealthState { suspects, found, trial, .. } = &mut state.health;
+        let shared = suspects[ALL];
+        let verdict = match trial {
+            Some(trial) if shared.found => self.pairs.step(trial, shared.factor, &state.made_n, state.yaw_rad_s, dt_s),
+            _ => Some(Verdict::Alike),
+        };
+        let Some(verdict) = verdict else { return };
+        *trial = None;
+        let Verdict::Pair(first) = verdict else { return };
+        let left = (shared.factor + shared.factor - S::ONE).max(S::ZERO);
+        suspects[ALL] = Suspect::innocent();
+        for j in [first, first + 2] {
+            suspects[j] = shared;
+            suspects[j].factor = left;
+        }
+        *found = suspects.iter().filter(|suspect| suspect.found).count();
         self.settle(state);
     }
 

@@ -1,5 +1,5 @@
 //! `sim-host detect`: the detector's campaign.
-use super::{BAD_INPUT, Failure, LOSSES_PERCENT, folder_in, load, name_of, say};
+use super::{BAD_INPUT, Failure, LOSSES_PERCENT, With, folder_in, load, name_of, say};
 use crate::controllers::ControllerName;
 use crate::detection::{Campaign, PICTURE, Page, Results, refusal, svg};
 use crate::figures::png;
@@ -14,6 +14,8 @@ use std::path::{Path, PathBuf};
 pub(super) struct DetectArgs {
     /// The scenario, a TOML file without a fault; a healthy flight is as long as it says.
     scenario: PathBuf,
+    #[command(flatten)]
+    with: With,
     /// Losses of one rotor, %, separated by commas.
     #[arg(long, value_delimiter = ',', default_values_t = LOSSES_PERCENT, value_parser = clap::value_parser!(u32).range(1..=100))]
     losses: Vec<u32>,
@@ -51,7 +53,7 @@ fn number<const LOW: u32, const HIGH: u32>(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn detect(args: &DetectArgs) -> Result<(), Failure> {
-    let mut scenario = load(&args.scenario)?;
+    let mut scenario = load(&args.scenario, &args.with)?;
     let file = args.scenario.display();
     if let Some(reason) = refusal(&scenario) {
         return Err(Failure::bad_input(format!("{file}: {reason}")));

@@ -1,5 +1,5 @@
 //! `sim-host suite`: many scenarios, one table.
-use super::{Failure, Seeds, chosen, fly_seeds, folder, load, name_of, say};
+use super::{Failure, Seeds, With, chosen, fly_seeds, folder, load, name_of, say};
 use crate::controllers::ControllerName;
 use crate::flight::NumberFormat;
 use crate::output::Files;
@@ -15,6 +15,8 @@ pub(super) struct SuiteArgs {
     /// Scenarios: TOML files, and folders of them.
     #[arg(required = true)]
     scenarios: Vec<PathBuf>,
+    #[command(flatten)]
+    with: With,
     /// Who flies, separated by commas.
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = ControllerName::TOLERANT)]
     controllers: Vec<ControllerName>,
@@ -53,7 +55,7 @@ fn found(scenarios: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
 pub(super) fn suite(args: &SuiteArgs) -> Result<(), Failure> {
     let files = found(&args.scenarios)?;
     let folder = folder(Some(&args.out), Path::new(""))?;
-    let scenarios: Vec<Scenario> = files.iter().map(|file| load(file)).collect::<Result<_, _>>()?;
+    let scenarios: Vec<Scenario> = files.iter().map(|file| load(file, &args.with)).collect::<Result<_, _>>()?;
     let controllers = chosen(&args.controllers);
     let bar = ProgressBar::new(files.len() as u64 * controllers.len() as u64 * args.seeds);
     let fly = |(file, scenario): (&PathBuf, &Scenario), controller: ControllerName| {

@@ -20,11 +20,22 @@ pub struct FirstAlarm {
     pub loss: f64,
 }
 
+/// Two facing rotors that were done without, so that the machine was led down.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LedDown {
+    /// How long after the first onset, s.
+    pub delay_s: f64,
+    /// The lower of the two, 0 or 1; the other is two further.
+    pub rotor: usize,
+}
+
 /// Shares of the time from the first onset on; none if it was not reached.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Account {
     /// The first alarm, if there was one.
     pub alarm: Option<FirstAlarm>,
+    /// Why and when it was led down, if it was.
+    pub led_down: Option<LedDown>,
     /// Thrust was refused by the allocation.
     pub thrust_refused_share: Option<f64>,
     /// Roll or pitch was.
@@ -43,6 +54,7 @@ pub(super) fn refused(sample: &Sample) -> (bool, bool) {
 pub(super) struct Accountant {
     onset_s: Option<f64>,
     alarm: Option<FirstAlarm>,
+    led_down: Option<LedDown>,
     thrust: Mean,
     tilting: Mean,
     heading: Mean,
@@ -51,7 +63,8 @@ pub(super) struct Accountant {
 impl Accountant {
     pub(super) fn new(scenario: &Scenario) -> Self {
         let onset_s = scenario.fault_windows_s().first().map(|window| window.0);
-        Self { onset_s, alarm: None, thrust: Mean::default(), tilting: Mean::default(), heading: Mean::default() }
+        let (thrust, tilting, heading) = (Mean::default(), Mean::default(), Mean::default());
+        Self { onset_s, alarm: None, led_down: None, thrust, tilting, heading }
     }
 
     pub(super) fn note(&mut self, sample: &Sample) {
@@ -63,6 +76,9 @@ impl Accountant {
             if kept.rotor == alarm.rotor {
                 kept.loss = kept.loss.max(alarm.loss.into());
             }
+        }
+        if let Some(rotor) = rotors.filter(|rotors| rotors.sunk_m > 0.0).and_then(|rotors| rotors.spinning) {
+            self.led_down.get_or_insert(LedDown { delay_s: sample.t_s - onset_s, rotor: rotor % 2 });
         }
         if sample.t_s >= onset_s {
             let (thrust, tilting) = refused(sample);
@@ -76,6 +92,7 @@ impl Accountant {
     pub(super) fn finish(self) -> Account {
         Account {
             alarm: self.alarm,
+            led_down: self.led_down,
             thrust_refused_share: self.thrust.value(),
             tilting_refused_share: self.tilting.value(),
             heading_given_up_share: self.heading.value(),

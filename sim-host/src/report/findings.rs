@@ -77,6 +77,21 @@ impl Entry {
         ))
     }
 
+    /// Those that were led down, and why.
+    fn led_down(&self) -> Option<String> {
+        let led: Vec<_> = self.flights.iter().filter_map(|flown| flown.account.led_down).collect();
+        let latest = led.iter().max_by(|a, b| a.delay_s.total_cmp(&b.delay_s))?;
+        let (one, other) = (latest.rotor + 1, latest.rotor + 3);
+        Some(format!(
+            "{} led the machine down in {} of {} flights: rotors {one} and {other} were known to be gone at the latest {:.0} ms after the \
+             onset, and on the two others, which turn the same way, the body spins ever faster.",
+            self.controller,
+            led.len(),
+            self.flights.len(),
+            1000.0 * latest.delay_s
+        ))
+    }
+
     fn refusal(&self) -> Option<String> {
         let first = self.flights.iter().find_map(|flown| flown.refusal)?;
         let (refused, flights) = (self.refused(), self.flights.len());
@@ -115,6 +130,7 @@ impl Comparison<'_> {
         for entry in &self.entries {
             findings.extend(entry.crash());
             findings.extend(entry.landing());
+            findings.extend(entry.led_down());
             findings.extend(entry.refusal());
             findings.extend(entry.spin());
             if self.is_calm() {

@@ -35,6 +35,8 @@ pub const THRUST_TO_WEIGHT: (f64, f64) = (1.05, 20.0);
 const POSITION_M_MAX: f64 = 1000.0;
 /// Longest flight: two hours, whose log at 100 rows a second still fits in memory, s.
 const DURATION_S_MAX: f64 = 7200.0;
+/// Latest news of an oracle, s.
+const ORACLE_DELAY_S_MAX: f64 = 10.0;
 /// A hundred turns, rad.
 const YAW_RAD_MAX: f64 = 628.0;
 
@@ -48,11 +50,13 @@ impl Scenario {
             let highest = self.reference.start_altitude_m() - 0.1;
             range("ground_altitude_m", altitude_m, -POSITION_M_MAX, highest)?;
         }
+        range("oracle_delay_s", self.oracle_delay_s, 0.0, ORACLE_DELAY_S_MAX)?;
         self.check_preflight()?;
         self.check_vehicle()?;
         self.check_reference()?;
         self.check_noise_and_wind()?;
         self.check_faults()?;
+        self.check_sensors()?;
         for (name, keys) in &self.controllers {
             check_gains(&format!("controllers.{name}.gains"), keys)?;
         }

@@ -44,9 +44,21 @@ pub enum ScenarioError {
 impl Scenario {
     /// Reads and checks the scenario in `file`.
     pub fn load(file: &Path) -> Result<Self, ScenarioError> {
-        let text = std::fs::read_to_string(file)
-            .map_err(|reason| ScenarioError::Unreadable { file: file.to_owned(), reason })?;
-        Self::parse(&text, file)
+        Self::load_with(file, &[])
+    }
+
+    /// Reads and checks the scenario in `file` with the tables of the files `more` after it, as if they were one file.
+    pub fn load_with(file: &Path, more: &[PathBuf]) -> Result<Self, ScenarioError> {
+        let mut text = String::new();
+        let mut name = String::new();
+        for file in std::iter::once(file).chain(more.iter().map(PathBuf::as_path)) {
+            let part = std::fs::read_to_string(file)
+                .map_err(|reason| ScenarioError::Unreadable { file: file.to_owned(), reason })?;
+            let (line, plus) = if text.is_empty() { ("", "") } else { ("\n", " + ") };
+            text.extend([line, &part]);
+            name.extend([plus, &file.display().to_string()]);
+        }
+        Self::parse(&text, Path::new(&name))
     }
 
     /// Reads and checks a scenario from `text`; `file` is named in errors.

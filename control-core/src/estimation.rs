@@ -1,0 +1,428 @@
+//! The estimator: inertial samples and whatever else arrives in; attitude, motion, biases, their uncertainty and health out.
+//!
+//! ```text
+//!  gyro, accelerometer ─► dead reckoning ────────────────► Estimate, every sample
+//!                              │ every 4 ms     ▲
+//!                              ▼                │ corrections
+//!                         covariance, history ──┴─ GNSS, barometer, magnetometer, range and flow, vision: each at its own time
+//! ```
+//!
+//! An error-state Kalman filter of seventeen states: attitude, velocity, position, gyro and accelerometer bias, the barometer's offset and the
+//! ground's height. It starts at rest (`alignment.rs`), and falls back to fixed gains (`complementary.rs`) while its covariance or state cannot be believed.
+//! Nothing is assumed of what makes the machine move: no thrust, drag or hover enters, so that wind and a lost rotor are motion, which
+//! they are, and not bias.
+//!
+//! Invariants: no input makes it panic or put out a number that is not finite; a sample that cannot be true changes nothing but its
+//! source's telemetry; the estimate of a step depends on nothing but the steps before.
+//!
+//! Elsewhere: `strapdown.rs` dead reckoning, `covariance.rs` the matrix, `history.rs` delays, `observe.rs` the models, `fusing.rs` what is done
+//! with each source, `sources.rs` what is let in, `gyro.rs` the filters of the rates. docs/estimation.md has the equations and figures.
+use crate::estimate::{Estimate, Health, Sigma};
+use crate::frames::{Attitude, Body, Vec3};
+use crate::measurement::{Imu, Measurements, Stamped};
+use crate::{GRAVITY_M_S2, Scalar};
+use alignment::{Alignment, Rest};
+use filter::{Filter, Start, UNKNOWN_M, UNKNOWN_M_S};
+use gyro::{GyroChain, GyroState};
+use quaternion::Quaternion;
+use sources::Watch;
+use strapdown::Nominal;
+
+mod admission;
+mod alignment;
+mod complementary;
+mod config;
+mod covariance;
+mod filter;
+mod fusing;
+mod gyro;
+mod health;
+mod history;
+mod observe;
+mod quaternion;
+mod sources;
+mod strapdown;
+
+pub use config::{AidingNoise, EstimatorConfig, EstimatorConfigError, HealthLimits, InertialNoise};
+pub use covariance::STATES;
+pub use gyro::GyroConfig;
+pub use sources::{SOURCES, Source, SourceFault, SourceStatus};
+
+/// What the estimator is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// Waiting for rest, and for a direction to call north.
+    Aligning,
+    /// The filter runs.
+    Running,
+    /// The filter was not to be believed; fixed gains hold the attitude.
+    FallenBack,
+}
+
+/// What the estimator is doing, and how its sources are, for logs and arming checks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EstimatorTelemetry {
+    /// What it is doing.
+    pub phase: Phase,
+    /// In the order of [`Source::ALL`].
+    pub sources: [SourceStatus; SOURCES],
+    /// States that were set anew because the filter and a source disagreed for too long.
+    pub resets: u32,
+    /// Times the filter was not to be believed.
+    pub fallbacks: u32,
+    /// What the barometer reads above altitude, m.
+    pub barometer_offset_m: f32,
+    /// The inertial unit that is gone by.
+    pub inertial: Source,
+    /// Where range and flow see the ground, m down.
+    pub ground_m: Option<f32>,
+    /// How much later slow motion leaves the filters of the rates than it enters them, s.
+    pub rate_delay_s: f32,
+}
+
+/// Time between two steps of the covariance, and what a sample may come early, µs.
+const STEP_US: u64 = 4_000;
+const EARLY_US: u64 = 250;
+/// A gap between inertial samples that is bridged with the last rates; and in pieces of what length, s.
+const GAP_S_MAX: f32 = 0.5;
+const PIECE_S: f32 = 0.02;
+/// Fixed gains have the attitude again after this long, s.
+const RECOVERY_S: f32 = 3.0;
+
+/// When each quantity was last observed, µs.
+#[derive(Clone, Copy, Debug, Default)]
+struct Aided {
+    velocity_us: u64,
+    position_us: u64,
+    altitude_us: u64,
+    heading_us: u64,
+    /// By external vision, which outranks the magnetometer.
+    seen_us: u64,
+}
+
+/// Everything that changes in flight.
+#[derive(Clone, Copy, Debug)]
+pub struct EstimatorState {
+    phase: Phase,
+    filter: Filter,
+    alignment: Alignment,
+    watches: [Watch; SOURCES],
+    /// Admitted, to be fused with the next step of the covariance.
+    pending: Measurements,
+    gyro: GyroState,
+    aided: Aided,
+    /// Whether a position, and an altitude, of the world's frame has been seen.
+    placed: bool,
+    levelled: bool,
+    /// The barometer that the offset is of.
+    barometer_heard: Option<Source>,
+    /// Whether the second inertial unit is gone by, and how it reads above the first.
+    on_second: bool,
+    units_apart: [Vec3<Body>; 2],
+    /// Time of the last inertial sample, and of the last step of the covariance, µs.
+    time_us: u64,
+    stepped_us: u64,
+    /// What of the present step no sample covered, s.
+    gap_s: f32,
+    fallen_s: f32,
+    /// When the range last agreed with the ground, µs.
+    ranged_us: u64,
+    /// Whether the last step fused a pose or a fix.
+    large_last: bool,
+    /// Steps since dead reckoning was last held together.
+    unaided_steps: u8,
+    resets: u32,
+    fallbacks: u32,
+    estimate: Estimate,
+}
+
+impl EstimatorState {
+    /// The covariance of the errors: attitude (NED, rad), velocity, position, gyro bias, accelerometer bias, the barometer's
+    /// offset and the ground.
+    pub fn covariance(&self) -> &[[f32; STATES]; STATES] {
+        self.filter.covariance.matrix()
+    }
+}
+
+/// A checked configuration. Immutable: one may serve many states.
+#[derive(Clone, Debug)]
+pub struct Estimator {
+    config: EstimatorConfig,
+    chain: GyroChain,
+    /// Unit vector north and east of the earth's field.
+    earth: [f32; 2],
+    /// Its part down over its horizontal part.
+    steep: f32,
+    earth_ut: f32,
+}
+
+impl Estimator {
+    /// Checks `config` and builds the estimator.
+    ///
+    /// # Errors
+    /// [`EstimatorConfigError`] names the first field that cannot fly, its value and what is allowed.
+    pub fn try_new(config: &EstimatorConfig) -> Result<Self, EstimatorConfigError> {
+        config.check()?;
+        let field = config.earth_field_ut;
+        let horizontal = Scalar::sqrt(field.x * field.x + field.y * field.y);
+        Ok(Self {
+            config: *config,
+            chain: GyroChain::new(&config.gyro),
+            earth: [field.x / horizontal, field.y / horizontal],
+            steep: field.z / horizontal,
+            earth_ut: Scalar::sqrt(field.norm_squared()),
+        })
+    }
+
+    /// The state of a board that was just switched on.
+    pub fn state(&self) -> EstimatorState {
+        let nominal = Nominal::at_rest(Quaternion::IDENTITY, Vec3::zero());
+        EstimatorState {
+            phase: Phase::Aligning,
+            filter: Filter::new(&self.config, nominal, &self.thrown()),
+            alignment: Alignment::NEW,
+            watches: [Watch::UNHEARD; SOURCES],
+            pending: Measurements::default(),
+            gyro: GyroState::NEW,
+            aided: Aided::default(),
+            placed: false,
+            levelled: false,
+            barometer_heard: None,
+            on_second: false,
+            units_apart: [Vec3::zero(); 2],
+            time_us: 0,
+            stepped_us: 0,
+            gap_s: 0.0,
+            fallen_s: 0.0,
+            ranged_us: 0,
+            large_last: false,
+            unaided_steps: 0,
+            resets: 0,
+            fallbacks: 0,
+            estimate: Estimate {
+                time_us: 0,
+                position_m: Vec3::zero(),
+                velocity_m_s: Vec3::zero(),
+                attitude: Attitude::level(),
+                rate_rad_s: Vec3::zero(),
+                specific_force_m_s2: Vec3::new(0.0, 0.0, -GRAVITY_M_S2),
+                gyro_bias_rad_s: Vec3::zero(),
+                accelerometer_bias_m_s2: Vec3::zero(),
+                sigma: Sigma::default(),
+                health: Health::default(),
+            },
+        }
+    }
+
+    /// The state of a machine whose motion is known: one that a simulation starts in the air, or a board that was interrupted.
+    ///
+    /// - `known`: with standard deviations that are meant.
+    pub fn resume(&self, known: &Estimate) -> EstimatorState {
+        let sigma = &known.sigma;
+        let start = Start {
+            tilt_rad: sigma.tilt_rad.max(1e-4),
+            heading_rad: sigma.heading_rad.max(1e-4),
+            velocity_m_s: sigma.horizontal_m_s.max(sigma.vertical_m_s).max(1e-3),
+            position_m: sigma.horizontal_m.max(sigma.altitude_m).max(1e-3),
+            gyro_bias_rad_s: self.config.inertial.gyro_bias_rad_s,
+            levelled_by_accelerometer: false,
+        };
+        let mut nominal = Nominal::at_rest(Quaternion::of(&known.attitude), known.gyro_bias_rad_s);
+        nominal.accelerometer_bias_m_s2 = known.accelerometer_bias_m_s2;
+        (nominal.velocity_m_s, nominal.position_m) = (known.velocity_m_s, known.position_m);
+        let mut state = self.state();
+        state.filter = Filter::new(&self.config, nominal, &start);
+        state.filter.history.push(known.time_us, &state.filter.nominal);
+        state.phase = Phase::Running;
+        (state.time_us, state.stepped_us) = (known.time_us, known.time_us);
+        state.aided.heading_us = known.time_us;
+        state.estimate = *known;
+        state
+    }
+
+    /// How little is known after an interruption in the air.
+    fn thrown(&self) -> Start {
+        Start {
+            tilt_rad: 0.1,
+            heading_rad: 0.3,
+            velocity_m_s: UNKNOWN_M_S,
+            position_m: UNKNOWN_M,
+            gyro_bias_rad_s: 2.0 * self.config.inertial.gyro_bias_rad_s,
+            levelled_by_accelerometer: false,
+        }
+    }
+
+    /// What it is doing, and how its sources are at `now_us`.
+    pub fn telemetry(&self, state: &EstimatorState, now_us: u64) -> EstimatorTelemetry {
+        let mut sources = [Watch::UNHEARD.status; SOURCES];
+        for ((status, watch), source) in sources.iter_mut().zip(&state.watches).zip(Source::ALL) {
+            *status = watch.status_at(source, now_us);
+        }
+        EstimatorTelemetry {
+            phase: state.phase,
+            sources,
+            resets: state.resets,
+            fallbacks: state.fallbacks,
+            barometer_offset_m: state.filter.barometer_offset_m,
+            inertial: state.inertial(),
+            ground_m: state.filter.ground_m,
+            rate_delay_s: self.chain.delay_s(&state.gyro),
+        }
+    }
+
+    /// Takes in everything that arrived since the last step.
+    ///
+    /// - `now_us`: the present, of the clock of the time stamps. Call it once an inertial sample; more or less often is borne.
+    /// - Returns the estimate, which lives in the state until the next step.
+    pub fn step<'a>(&self, state: &'a mut EstimatorState, measurements: &Measurements, now_us: u64) -> &'a Estimate {
+        self.admit(state, measurements, now_us);
+        if let Some(imu) = self.admit_inertial(state, measurements, now_us) {
+            let dt_s = state.lasted_s(&imu, &self.config);
+            match state.phase {
+                Phase::Aligning => self.align(state, &imu, dt_s, now_us),
+                Phase::Running | Phase::FallenBack => self.reckon(state, &imu, dt_s, now_us),
+            }
+            state.time_us = imu.time_us;
+        }
+        self.judge(state, now_us);
+        &state.estimate
+    }
+
+    /// The fast path, and every 4 ms what hangs on it.
+    fn reckon(&self, state: &mut EstimatorState, imu: &Stamped<Imu>, dt_s: f32, now_us: u64) {
+        let (rate_rad_s, force_m_s2) = state.filter.unbiased(&imu.value);
+        if dt_s > PIECE_S {
+            state.gap_s += dt_s - PIECE_S;
+            let mut left_s = dt_s.min(GAP_S_MAX);
+            while left_s > PIECE_S {
+                state.filter.advance(rate_rad_s, force_m_s2, PIECE_S);
+                left_s -= PIECE_S;
+            }
+            state.filter.advance(rate_rad_s, force_m_s2, left_s);
+        } else {
+            state.filter.advance(rate_rad_s, force_m_s2, dt_s);
+        }
+        if dt_s > GAP_S_MAX {
+            self.fall_back(state);
+        }
+        if imu.time_us.saturating_sub(state.stepped_us) + EARLY_US >= STEP_US {
+            state.stepped_us = imu.time_us;
+            let span = state.filter.close_step(imu.time_us);
+            match state.phase {
+                Phase::Running => {
+                    state.filter.predict(&self.config, &span, rate_rad_s, state.gap_s);
+                    self.fuse_pending(state, imu.time_us);
+                }
+                _ => self.follow(state, imu.time_us, span.span_s),
+            }
+            state.gap_s = 0.0;
+            if !state.filter.is_sound() {
+                self.fall_back(state);
+            }
+            state.fill_slow();
+        }
+        let filtered_rad_s = self.chain.step(&mut state.gyro, rate_rad_s, now_us);
+        state.fill_fast(imu.time_us, force_m_s2, filtered_rad_s);
+    }
+
+    /// Waits for rest; starts the filter.
+    fn align(&self, state: &mut EstimatorState, imu: &Stamped<Imu>, dt_s: f32, now_us: u64) {
+        let rate_rad_s = self.chain.step(&mut state.gyro, imu.value.rate_rad_s, now_us);
+        state.fill_fast(imu.time_us, imu.value.specific_force_m_s2, rate_rad_s);
+        let Some(rest) = state.alignment.add(&imu.value, dt_s.min(PIECE_S)) else { return };
+        let Some((rotation, heading_rad)) = self.found(state, &rest) else { return };
+        if rest.still {
+            let start = Start {
+                tilt_rad: 0.005,
+                heading_rad,
+                velocity_m_s: 0.05,
+                position_m: 0.1,
+                gyro_bias_rad_s: self.config.inertial.gyro_bias_rad_s,
+                levelled_by_accelerometer: true,
+            };
+            state.filter = Filter::new(&self.config, Nominal::at_rest(rotation, rest.rate_rad_s), &start);
+            state.phase = Phase::Running;
+        } else if rest.impatient {
+            state.filter = Filter::new(&self.config, Nominal::at_rest(rotation, Vec3::zero()), &self.thrown());
+            state.phase = Phase::FallenBack;
+            state.fallen_s = 0.0;
+        }
+        state.aided = Aided { heading_us: imu.time_us, ..Aided::default() };
+        state.stepped_us = imu.time_us;
+        state.filter.history.push(imu.time_us, &state.filter.nominal);
+    }
+
+    /// The attitude that a window shows, and how well its heading is known, rad; `None` while something better may come.
+    fn found(&self, state: &EstimatorState, rest: &Rest) -> Option<(Quaternion, f32)> {
+        let force = rest.force_m_s2;
+        if let Some(vision) = &state.pending.vision {
+            let sigma_rad = vision.value.attitude_sigma_rad.max(0.01);
+            return alignment::attitude_as_seen(force, &vision.value.attitude).map(|q| (q, sigma_rad));
+        }
+        if let Some(field) = &state.pending.magnetic_ut {
+            return alignment::attitude(force, field.value, self.earth).map(|q| (q, 0.1));
+        }
+        let any = || alignment::attitude(force, Vec3::new(1.0, 0.0, 0.0), [1.0, 0.0]);
+        rest.impatient.then(any).flatten().map(|q| (q, 1.0))
+    }
+
+    /// A step with fixed gains; tries the filter again when they have had time.
+    fn follow(&self, state: &mut EstimatorState, time_us: u64, span_s: f32) {
+        complementary::follow_gravity(&mut state.filter, span_s);
+        let pending = core::mem::take(&mut state.pending);
+        let mut since_s = |source: Source, sample_us: u64| {
+            let watch = &mut state.watches[source as usize];
+            let since_us = sample_us.saturating_sub(watch.status.taken_us);
+            watch.take(sample_us);
+            since_us as f32 * 1e-6
+        };
+        if let Some(field) = pending.magnetic_ut {
+            let since_s = since_s(Source::Magnetometer, field.time_us);
+            let measured = state.filter.attitude.to_ned(field.value);
+            complementary::follow_field(&mut state.filter, measured, self.earth, since_s);
+            state.aided.heading_us = time_us;
+        }
+        let second = pending.baro_second_altitude_m.map(|altitude| (Source::BarometerSecond, altitude));
+        let first = pending.baro_altitude_m.map(|altitude| (Source::Barometer, altitude));
+        if let Some((source, altitude)) = first.or(second) {
+            let since_s = since_s(source, altitude.time_us);
+            if state.barometer_heard.replace(source) != Some(source) {
+                state.filter.barometer_offset_m = altitude.value + state.filter.nominal.position_m.z;
+            }
+            complementary::follow_barometer(&mut state.filter, altitude.value, since_s);
+            state.aided.altitude_us = time_us;
+        }
+        state.fallen_s += span_s;
+        if state.fallen_s > RECOVERY_S {
+            let (nominal, offset_m) = (state.filter.nominal, state.filter.barometer_offset_m);
+            state.filter = Filter::new(&self.config, nominal, &self.thrown());
+            state.filter.barometer_offset_m = offset_m;
+            state.filter.history.push(time_us, &state.filter.nominal);
+            state.phase = Phase::Running;
+            self.fuse_pending(state, time_us);
+        }
+    }
+
+    /// Gives the filter up for fixed gains, from the last estimate that was sound.
+    fn fall_back(&self, state: &mut EstimatorState) {
+        let last = &state.estimate;
+        let mut nominal = Nominal::at_rest(Quaternion::of(&last.attitude), last.gyro_bias_rad_s);
+        (nominal.velocity_m_s, nominal.position_m) = (last.velocity_m_s, last.position_m);
+        let offset_m = state.filter.barometer_offset_m;
+        state.filter = Filter::new(&self.config, nominal, &self.thrown());
+        if offset_m.abs() < 1e4 {
+            state.filter.barometer_offset_m = offset_m;
+        }
+        state.phase = Phase::FallenBack;
+        (state.placed, state.levelled) = (false, false);
+        state.fallen_s = 0.0;
+        state.fallbacks = state.fallbacks.saturating_add(1);
+    }
+}
+
+impl EstimatorState {
+    /// How long a sample lasted, s.
+    fn lasted_s(&self, imu: &Stamped<Imu>, config: &EstimatorConfig) -> f32 {
+        if self.time_us == 0 { 1.0 / config.gyro.sample_hz } else { (imu.time_us - self.time_us) as f32 * 1e-6 }
+    }
+}

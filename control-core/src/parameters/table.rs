@@ -1,0 +1,54 @@
+//! The declarations of all parameters.
+use super::Declaration;
+
+macro_rules! parameters {
+    ($($id:ident $name:literal [$unit:literal] $min:literal ..= $max:literal, $default:literal, $text:literal;)+) => {
+        /// Which one: its place in [`TABLE`].
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum Parameter { $(#[doc = $text] $id),+ }
+
+        /// All of them.
+        pub const TABLE: [Declaration; [$($name),+].len()] = [$(Declaration {
+            name: $name,
+            unit: $unit,
+            min: $min,
+            max: $max,
+            default: $default,
+            text: $text,
+        }),+];
+    };
+}
+
+parameters! {
+    StickDead "STICK_DEAD" [""] 0.0..=0.3, 0.05, "Share of a stick's travel about its centre that means nothing.";
+    StickExpo "STICK_EXPO" [""] 0.0..=0.9, 0.3, "How much finer the sticks are about their centre: 0 is straight.";
+    ManualTilt "MAN_TILT_MAX" ["deg"] 5.0..=45.0, 30.0, "Tilt at full stick in angle and altitude hold.";
+    ManualRate "MAN_RATE_MAX" ["deg/s"] 20.0..=400.0, 150.0, "Roll and pitch rate at full stick in rate mode.";
+    ManualYaw "MAN_YAW_MAX" ["deg/s"] 10.0..=120.0, 90.0, "Yaw rate at full stick; the yaw guard brakes from 143 on.";
+    SpeedMax "POS_SPEED_MAX" ["m/s"] 0.5..=15.0, 5.0, "Horizontal speed at full stick in position hold.";
+    AccelerationMax "POS_ACC_MAX" ["m/s2"] 0.3..=4.0, 2.5, "Horizontal acceleration in position hold and return.";
+    ClimbMax "ALT_CLIMB_MAX" ["m/s"] 0.2..=6.0, 2.0, "Climb rate at full stick.";
+    SinkMax "ALT_SINK_MAX" ["m/s"] 0.2..=4.0, 1.5, "Sink rate at full stick.";
+    TakeOffHeight "TKO_HEIGHT" ["m"] 0.5..=50.0, 2.5, "Height above home at which take-off ends.";
+    TakeOffSpeed "TKO_SPEED" ["m/s"] 0.2..=4.0, 1.0, "Climb rate in take-off.";
+    LandSpeed "LAND_SPEED" ["m/s"] 0.2..=2.0, 0.7, "Sink rate in land and descend.";
+    LandSlow "LAND_SLOW" ["m/s"] 0.1..=1.0, 0.3, "Sink rate near the ground.";
+    LandSlowHeight "LAND_SLOW_H" ["m"] 0.3..=20.0, 2.0, "Height above home below which it sinks slowly.";
+    ReturnHeight "RTL_HEIGHT" ["m"] 0.0..=120.0, 15.0, "Height above home at which it returns, if it is not higher already.";
+    ReturnSpeed "RTL_SPEED" ["m/s"] 0.5..=15.0, 5.0, "Speed of the return.";
+    FsLinkS "FS_LINK_S" ["s"] 0.1..=10.0, 0.5, "Age of the pilot's last word at which the link is lost.";
+    FsOffboardS "FS_OFFB_S" ["s"] 0.05..=5.0, 0.5, "Age of a setpoint from outside at which it is stale.";
+    FsTilt "FS_TILT" ["deg"] 50.0..=120.0, 80.0, "Tilt that ends the flight if it lasts a second.";
+    FenceRadius "FENCE_RADIUS" ["m"] 0.0..=5000.0, 0.0, "Distance from home of the fence; 0 for none.";
+    FenceHeight "FENCE_HEIGHT" ["m"] 0.0..=1000.0, 120.0, "Height above home of the fence; 0 for none.";
+    BatCells "BAT_CELLS" [""] 0.0..=14.0, 0.0, "Cells of the battery in series; 0 if nobody measures its voltage.";
+    BatLowV "BAT_LOW_V" ["V"] 2.5..=4.2, 3.5, "Voltage of a cell that is low.";
+    BatCriticalV "BAT_CRIT_V" ["V"] 2.5..=4.2, 3.3, "Voltage of a cell that is critical.";
+    ArmTilt "ARM_TILT_MAX" ["deg"] 1.0..=45.0, 15.0, "Tilt up to which it arms.";
+    ArmMotors "ARM_MOTORS" [""] 0.0..=1.0, 0.0, "1: it arms only after the wiring check has passed.";
+    MotorIdle "MOT_IDLE" [""] 0.0..=0.2, 0.05, "Command of a motor that idles on the ground, share of full.";
+    GainTilt "GAIN_TILT" [""] 0.5..=2.0, 1.0, "Factor on the gains of roll and pitch.";
+    GainHorizontal "GAIN_HORIZ" [""] 0.5..=2.0, 1.0, "Factor on the gains of north and east.";
+    GainAltitude "GAIN_ALT" [""] 0.5..=2.0, 1.0, "Factor on the gains of altitude.";
+    GainHeading "GAIN_HEADING" [""] 0.5..=2.0, 1.0, "Factor on the gains of heading.";
+}

@@ -1,0 +1,126 @@
+//! What is aboard: the sensors of a scenario and the estimator that makes a motion of them.
+//!
+//! A flight begins in a hover, and an estimator at rest: for [`HELD_S`] before the flight the machine is held where it will begin,
+//! its rotors turning, while the sensors are read. The board's clock began then.
+use crate::fault::sensors::SensorFault;
+use crate::sensors::{Carrier, SensorKeys, SensorSuite, World};
+use control_core::estimate::Estimate;
+use control_core::estimation::{
+    Estimator, EstimatorConfig, EstimatorConfigError, EstimatorState, EstimatorTelemetry, GyroConfig,
+};
+use control_core::frames::{Ned, Vec3};
+use control_core::measurement::Measurements;
+use control_core::{Input, Setpoint};
+
+/// How long the machine is held before a flight, s: the estimator finds rest, then the biases settle.
+pub const HELD_S: f64 = 6.0;
+
+/// Sensors and estimator of one flight.
+pub struct Aboard {
+    suite: SensorSuite,
+    estimator: Estimator,
+    state: EstimatorState,
+    flown: bool,
+    /// When the flight began, by the board's clock, s.
+    began_s: f64,
+    dt_s: f64,
+    /// Whether a source knows where the flight is; else the flight begins where it is said to.
+    placed: bool,
+    /// Where the estimator's origin is, m.
+    origin_m: Vec3<Ned>,
+    estimate: Estimate,
+    measurements: Measurements,
+}
+
+/// The estimator for the sensors `keys`, sampled `control_hz` times a second.
+///
+/// # Errors
+/// [`EstimatorConfigError`] names what it cannot fly with.
+pub fn estimator(keys: &SensorKeys, control_hz: f64) -> Result<Estimator, EstimatorConfigError> {
+    let [north, east, down] = keys.earth.field_ned_ut().map(|ut| ut as f32);
+    Estimator::try_new(&EstimatorConfig {
+        earth_field_ut: Vec3::new(north, east, down),
+        gyro: GyroConfig { sample_hz: control_hz as f32, ..EstimatorConfig::FLIGHT.gyro },
+        ..EstimatorConfig::FLIGHT
+    })
+}
+
+impl Aboard {
+    /// Sensors and estimator as `keys` say. Those that are flown are switched on before the flight; faults count from its beginning.
+    pub fn new(keys: &SensorKeys, faults: &[SensorFault], carrier: &Carrier) -> Self {
+        let held_s = if keys.flown { HELD_S } else { 0.0 };
+        let mut shifted = faults.to_vec();
+        for fault in &mut shifted {
+            fault.from_s += held_s;
+            fault.until_s += held_s;
+        }
+        // The scenario's check has built it before.
+        let estimator = estimator(keys, carrier.control_hz).unwrap_or_else(|error| panic!("{error}"));
+        let mut state = estimator.state();
+        let estimate = *estimator.step(&mut state, &Measurements::default(), 0);
+        Self {
+            suite: SensorSuite::new(keys, &shifted, carrier),
+            estimator,
+            state,
+            flown: keys.flown,
+            began_s: held_s,
+            dt_s: 1.0 / carrier.control_hz,
+            placed: keys.gnss.is_some() || keys.vision.is_some(),
+            origin_m: Vec3::zero(),
+            estimate,
+            measurements: Measurements::default(),
+        }
+    }
+
+    /// Reads the sensors while the machine is held, until the flight begins.
+    pub fn hold(&mut self, still: &World) {
+        for tick in 0..(self.began_s / self.dt_s).round() as usize {
+            self.step(&World { t_s: tick as f64 * self.dt_s - self.began_s, ..*still });
+        }
+        if !self.placed {
+            let [north, east, down] = still.truth.position_m.map(|x| x as f32).into();
+            self.origin_m = Vec3::new(north, east, down) - self.estimate.position_m;
+        }
+    }
+
+    /// Reads the sensors, and estimates; to be called once a tick. Times of `world` are the flight's.
+    pub fn step(&mut self, world: &World) {
+        let t_s = world.t_s + self.began_s;
+        self.measurements = self.suite.sample(&World { t_s, ..*world });
+        let now_us = self.clock_us(world.t_s);
+        self.estimate = *self.estimator.step(&mut self.state, &self.measurements, now_us);
+        self.estimate.position_m = self.estimate.position_m + self.origin_m;
+    }
+
+    /// Whether controllers fly on the estimate.
+    pub fn is_flown(&self) -> bool {
+        self.flown
+    }
+
+    /// The board's clock when the flight's is `t_s`, µs.
+    pub fn clock_us(&self, t_s: f64) -> u64 {
+        libm::round((t_s + self.began_s) * 1e6) as u64
+    }
+
+    /// What arrived in the last tick.
+    pub fn measurements(&self) -> &Measurements {
+        &self.measurements
+    }
+
+    /// What is believed of the motion.
+    pub fn estimate(&self) -> &Estimate {
+        &self.estimate
+    }
+
+    /// How the estimator and its sources are, at `t_s` of the flight.
+    pub fn telemetry(&self, t_s: f64) -> EstimatorTelemetry {
+        self.estimator.telemetry(&self.state, self.clock_us(t_s))
+    }
+
+    /// The controller's sample made of the estimate.
+    pub fn input(&self, setpoint: Setpoint) -> Input {
+        let Estimate { position_m, velocity_m_s, attitude, rate_rad_s, specific_force_m_s2, .. } = self.estimate;
+        let dt_s = self.dt_s as f32;
+        Input { dt_s, position_m, velocity_m_s, attitude, rate_rad_s, specific_force_m_s2, setpoint }
+    }
+}

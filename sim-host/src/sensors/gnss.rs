@@ -1,0 +1,141 @@
+//! A satellite receiver: position and velocity with noise, multipath that lasts a minute, and errors that last hours.
+//!
+//! ```text
+//! p = p_true + (s − s₀) + k e + σ n      v = v_true + k e' + σ' n      s, e, e' Gauss-Markov, k the sky's multipath
+//! ```
+//!
+//! The local frame's origin is where the receiver believed to be when it was switched on, so that of the slow error s only
+//! what it has changed since counts. The receiver's own estimate of its error holds all of s, and follows multipath: half
+//! from its statistics, half from its size now. In a drop-out fixes go on, marked as none, at the last position.
+use super::World;
+use super::broken::{Broken, Reading};
+use super::chance::{Chance, GaussMarkov, register};
+use super::keys::{SensorKeys, SkyKeys};
+use super::line::Line;
+use super::parts::{GnssPart, GnssSheet};
+use super::{narrow, stream};
+use crate::fault::Toggle;
+use crate::fault::sensors::{Sensor, SensorFault};
+use control_core::measurement::{Gnss, Stamped};
+use nalgebra::Vector3;
+
+/// What the receiver says of its error without a fix, m and m/s.
+const LOST_SIGMA: f32 = 1000.0;
+/// Largest readings that garbage makes, m and m/s.
+const SPAN: (f64, f64) = (1000.0, 50.0);
+
+/// Position and velocity; offsets are of the position.
+#[derive(Clone, Copy)]
+struct Fix([f64; 6]);
+
+impl Reading for Fix {
+    fn channels(&mut self) -> &mut [f64] {
+        &mut self.0[..3]
+    }
+
+    fn everything(&mut self) -> &mut [f64] {
+        &mut self.0
+    }
+}
+
+/// A receiver in flight.
+pub(super) struct GnssModel {
+    sheet: GnssSheet,
+    line: Line<Gnss>,
+    chance: Chance,
+    broken: Broken<Fix>,
+    sky: SkyKeys,
+    noise: f64,
+    period_s: f64,
+    slow_m: GaussMarkov,
+    /// The slow error when it was switched on, m.
+    origin_m: Vector3<f64>,
+    multipath_m: GaussMarkov,
+    multipath_m_s: GaussMarkov,
+    outage: Toggle,
+    last: Vector3<f64>,
+}
+
+impl GnssModel {
+    pub(super) fn new(part: GnssPart, keys: &SensorKeys, faults: &[SensorFault], seed: u64) -> Self {
+        let sheet = part.sheet();
+        let tuned = keys.tuned(sheet.timing, |each| each.gnss);
+        let mut chance = stream(seed, Sensor::Gnss, 1);
+        let (noise, sky) = (tuned.noise, keys.sky);
+        let wandering = |sigma: [f64; 3], factor: f64, time_s: f64, chance: &mut Chance| {
+            GaussMarkov::new(Vector3::from(sigma) * factor, time_s, chance)
+        };
+        let slow_m = wandering(sheet.slow_m, noise, sheet.slow_time_s, &mut chance);
+        let rate_1_s = sky.outage_rate_1_s;
+        let first_s = if rate_1_s > 0.0 { chance.wait_s(1.0 / rate_1_s) } else { f64::INFINITY };
+        Self {
+            line: Line::new(tuned.timing, chance.even()),
+            broken: Broken::new(faults, Sensor::Gnss, 1, seed),
+            period_s: 1.0 / tuned.timing.rate_hz,
+            origin_m: slow_m.value,
+            slow_m,
+            multipath_m: wandering(sheet.multipath_m, noise * sky.multipath, sheet.multipath_time_s, &mut chance),
+            multipath_m_s: wandering(
+                sheet.multipath_m_s,
+                noise * sky.multipath,
+                sheet.multipath_speed_time_s,
+                &mut chance,
+            ),
+            outage: Toggle::off_until(first_s),
+            last: Vector3::zeros(),
+            sky,
+            noise,
+            chance,
+            sheet,
+        }
+    }
+
+    pub(super) fn sample(&mut self, world: &World) -> Option<Stamped<Gnss>> {
+        if self.line.is_due(world.t_s) {
+            let fix = self.fix(world);
+            let lost = self.broken.is_lost();
+            self.line.send(world.t_s, (!lost).then_some(fix), &mut self.chance);
+        }
+        self.line.receive(world.t_s)
+    }
+
+    fn fix(&mut self, world: &World) -> Gnss {
+        let Self { sheet, chance, sky, noise, period_s, .. } = self;
+        let slow_m = self.slow_m.step(*period_s, chance) - self.origin_m;
+        let multipath_m = self.multipath_m.step(*period_s, chance);
+        let multipath_m_s = self.multipath_m_s.step(*period_s, chance);
+        let white_m = Vector3::from(sheet.noise_m).component_mul(&chance.normals()) * *noise;
+        let white_m_s = Vector3::from(sheet.noise_m_s).component_mul(&chance.normals()) * *noise;
+        if sky.outage_rate_1_s > 0.0 {
+            self.outage
+                .advance(world.t_s, |out| chance.wait_s(if out { sky.outage_s } else { 1.0 / sky.outage_rate_1_s }));
+        }
+        let fixed = !self.outage.on;
+        if fixed {
+            self.last = world.truth.position_m + slow_m + multipath_m + white_m;
+        }
+        let p = self.last;
+        let v = if fixed { world.truth.velocity_m_s + multipath_m_s + white_m_s } else { Vector3::zeros() };
+        let span = |i: usize| if i < 3 { (-SPAN.0, SPAN.0) } else { (-SPAN.1, SPAN.1) };
+        let Fix(read) = self.broken.read(world.t_s, Fix([p.x, p.y, p.z, v.x, v.y, v.z]), span);
+        let lsb = |i: usize| if i < 3 { sheet.lsb_m[i] } else { sheet.lsb_m_s };
+        let [x, y, z, vx, vy, vz] = std::array::from_fn(|i| register(read[i], lsb(i), (f64::MIN, f64::MAX)));
+
+        let believed = |white: f64, slow: f64, path: f64, now: f64| {
+            let path = path * sky.multipath * *noise;
+            let rest = (white * white + slow * slow) * *noise * *noise;
+            libm::sqrt(rest + 0.5 * (path * path + now * now)) as f32
+        };
+        let level_m = libm::sqrt(0.5 * (multipath_m.x * multipath_m.x + multipath_m.y * multipath_m.y));
+        let speed_m_s = libm::sqrt(multipath_m_s.norm_squared() / 3.0);
+        let sigma = |believed: f32| if fixed { believed } else { LOST_SIGMA };
+        Gnss {
+            position_m: narrow(&Vector3::new(x, y, z)),
+            velocity_m_s: narrow(&Vector3::new(vx, vy, vz)),
+            horizontal_m: sigma(believed(sheet.noise_m[0], sheet.slow_m[0], sheet.multipath_m[0], level_m)),
+            vertical_m: sigma(believed(sheet.noise_m[2], sheet.slow_m[2], sheet.multipath_m[2], multipath_m.z)),
+            speed_m_s: sigma(believed(sheet.noise_m_s[2], 0.0, sheet.multipath_m_s[2], speed_m_s)),
+            fixed,
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! Instructions of an estimator step: the fast path of every inertial sample, and the worst step of the covariance with whatever arrives.
+//!
+//! A machine at rest is enough: no path of the filter depends on what it estimates, but for resets, which are cheaper than what they replace.
+use crate::count::Counter;
+use control_core::estimation::{Estimator, EstimatorConfig, EstimatorState};
+use control_core::frames::{Attitude, Vec3};
+use control_core::measurement::{Flow, Gnss, Imu, Measurements, Stamped, Vision};
+use core::hint::black_box;
+use cortex_m_semihosting::hprintln;
+
+/// Samples of 2 ms: a second to align, and the rest to count.
+const SAMPLES: u64 = 1500;
+const ALIGNED: u64 = 500;
+/// Everything arrives together this often, in samples; on an even one, where the covariance steps.
+const TOGETHER: u64 = 50;
+
+/// What arrives with the covariance's step.
+#[derive(Clone, Copy, PartialEq)]
+enum Arrival {
+    Nothing,
+    Vision,
+    Gnss,
+    /// Barometer, magnetometer, range and flow.
+    Rest,
+    Everything,
+}
+
+/// Prints one line an arrival, and one of sizes.
+pub(crate) fn print(counter: &Counter) -> Result<(), &'static str> {
+    let estimator = Estimator::try_new(black_box(&EstimatorConfig::FLIGHT)).map_err(|_| "the estimator is refused")?;
+    for (name, arrival) in [
+        ("nothing", Arrival::Nothing),
+        ("vision", Arrival::Vision),
+        ("gnss", Arrival::Gnss),
+        ("rest", Arrival::Rest),
+        ("everything", Arrival::Everything),
+    ] {
+        let (path, step) = worst(counter, &estimator, arrival);
+        hprintln!("estimator arrival={} path={} step={}", name, path, step);
+    }
+    hprintln!("estimator_bytes state={} settings={}", size_of::<EstimatorState>(), size_of::<Estimator>());
+    Ok(())
+}
+
+/// The most instructions of a sample alone, and of one with a step of the covariance.
+fn worst(counter: &Counter, estimator: &Estimator, arrival: Arrival) -> (u32, u32) {
+    let mut state = estimator.state();
+    let (mut path, mut step) = (0, 0);
+    for i in 1..SAMPLES {
+        let now_us = i * 2000;
+        let measurements = black_box(sample(i, arrival));
+        let (instructions, _) = counter.instructions(|| call(estimator, &mut state, &measurements, now_us));
+        if i > ALIGNED {
+            let kind = if i % 2 == 0 { &mut step } else { &mut path };
+            *kind = instructions.max(*kind);
+        }
+    }
+    (path, step)
+}
+
+/// One step as a task would call it: not inlined, so that the call is counted too.
+#[inline(never)]
+fn call(estimator: &Estimator, state: &mut EstimatorState, measurements: &Measurements, now_us: u64) {
+    black_box(estimator.step(state, measurements, now_us));
+}
+
+fn sample(i: u64, arrival: Arrival) -> Measurements {
+    // No two samples have the same bits: those would be taken for stuck.
+    let jitter = (i % 17) as f32 * 1e-3;
+    let now_us = i * 2000;
+    let imu = Imu {
+        rate_rad_s: Vec3::new(jitter, -jitter, 0.5 * jitter),
+        specific_force_m_s2: Vec3::new(jitter, jitter, jitter - 9.81),
+    };
+    let mut m = Measurements { imu: Some(Stamped { time_us: now_us, value: imu }), ..Measurements::default() };
+    m.rotor_rad_s = Some(Stamped { time_us: now_us, value: [500.0 + jitter; 4] });
+    let first = i == 20;
+    if first {
+        // What it needs to align.
+        m.magnetic_ut = Some(Stamped { time_us: now_us - 10_000, value: Vec3::new(20.0 + jitter, 1.2, 44.0) });
+    }
+    if i <= ALIGNED || i % TOGETHER != 0 {
+        return m;
+    }
+    let has = |kind: Arrival| arrival == kind || arrival == Arrival::Everything;
+    if has(Arrival::Vision) {
+        let value = Vision {
+            position_m: Vec3::new(jitter, 0.0, 0.0),
+            attitude: Attitude::level(),
+            position_sigma_m: 0.002,
+            attitude_sigma_rad: 0.01,
+        };
+        m.vision = Some(Stamped { time_us: now_us - 20_000, value });
+    }
+    if has(Arrival::Gnss) {
+        let value = Gnss {
+            position_m: Vec3::new(jitter, 0.0, 0.0),
+            velocity_m_s: Vec3::new(0.0, jitter, 0.0),
+            horizontal_m: 1.0,
+            vertical_m: 1.5,
+            speed_m_s: 0.1,
+            fixed: true,
+        };
+        m.gnss = Some(Stamped { time_us: now_us - 240_000, value });
+    }
+    if has(Arrival::Rest) {
+        m.baro_altitude_m = Some(Stamped { time_us: now_us - 20_000, value: jitter });
+        m.magnetic_ut = Some(Stamped { time_us: now_us - 10_000, value: Vec3::new(20.0 + jitter, 1.2, 44.0) });
+        m.range_m = Some(Stamped { time_us: now_us - 20_000, value: 1.0 + jitter });
+        m.flow = Some(Stamped { time_us: now_us - 20_000, value: Flow { rate_rad_s: [jitter, 0.0], quality: 1.0 } });
+    }
+    m
+}
