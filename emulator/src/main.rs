@@ -18,6 +18,8 @@ const HANDS_OFF: [u16; 16] = {
 };
 /// At rest, level, m/s².
 const AT_REST_M_S2: [f32; 3] = [0.0, 0.0, -9.806_65];
+/// How much it trembles, rad/s: a part that always says the same is taken for one that is stuck.
+const TREMBLE_RAD_S: f32 = 0.002;
 
 /// Boots the flight image on a model of its board and prints its log.
 #[derive(Parser)]
@@ -39,7 +41,6 @@ fn main() -> Result<()> {
         return Ok(pipe::serve(&image, BufReader::new(stdin().lock()), BufWriter::new(stdout().lock()))?);
     }
     let mut machine = Machine::new(&image)?;
-    machine.move_body(AT_REST_M_S2, [0.0; 3]);
     let started = Instant::now();
     let result = watch(&mut machine, &image, cli.seconds);
     for fault in machine.faults() {
@@ -53,11 +54,13 @@ fn main() -> Result<()> {
 /// Runs the image and prints its log.
 fn watch(machine: &mut Machine, image: &Image, seconds: f64) -> Result<()> {
     let mut log = Log::new(image)?;
-    let mut looks = 0;
+    let mut looks = 0_u16;
     while f64::from(looks) * LOOK_S < seconds {
         if f64::from(looks) % (RADIO_S / LOOK_S) < 1.0 && machine.next_sample().is_some() {
             machine.send_channels(HANDS_OFF);
         }
+        let tremble = TREMBLE_RAD_S * (looks % 5) as f32;
+        machine.move_body(AT_REST_M_S2.map(|force| force + tremble), [tremble, -tremble, tremble]);
         let until = machine.now() + (LOOK_S * machine.core_hz() as f64) as u64;
         let result = machine.run_until(until);
         for line in log.lines(machine)? {

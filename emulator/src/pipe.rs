@@ -26,7 +26,7 @@ const BEFORE_SAMPLE: u64 = 2_000;
 const BOOT_MAX: u64 = 168_000_000;
 /// The image's record of its last step: its name, and its words with the sequence number.
 const RECORD: &str = "LAST_STEP";
-const RECORD_WORDS: usize = 21;
+const RECORD_WORDS: usize = 23;
 
 /// Serves a program until it ends its side.
 ///

@@ -13,7 +13,7 @@ pub mod dshot;
 pub mod flight;
 pub mod icm42688;
 pub mod pace;
+pub mod pilot;
 pub mod pulse;
 pub mod record;
 pub mod report;
-pub mod synthetic;

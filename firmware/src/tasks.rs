@@ -8,6 +8,8 @@
 //!
 //! Control preempts the others at any instruction. What is left to delay it are critical sections of some dozens of cycles.
 use control_core::measurement::{Measurements, Stamped};
+use control_core::parameters::Parameters;
+use control_core::pilot::PilotInput;
 use cortex_m::peripheral::DWT;
 use cortex_m::singleton;
 use defmt_rtt as _;
@@ -24,11 +26,11 @@ use crate::board::{self, BATTERY_DIVIDER, BatteryChannel, Board, Converter, RADI
 use crate::imu::Imu;
 use crate::motors::Motors;
 use firmware::battery;
-use firmware::crsf::{Channels, Receiver};
-use firmware::flight::Flight;
+use firmware::crsf::Receiver;
+use firmware::flight::{Arrived, Command, Flight};
 use firmware::icm42688::{SAMPLE_HZ, WHO_AM_I};
 use firmware::pace::Pace;
-use firmware::pulse::Pulse;
+use firmware::pilot;
 use firmware::record::Record;
 use firmware::report::{Report, Tally};
 
@@ -41,7 +43,7 @@ type Reader = Consumer<'static, Report>;
 
 /// The newest of what arrives slowly.
 type Newest<T> = Signal<CriticalSectionRawMutex, Stamped<T>>;
-static CHANNELS: Newest<Channels> = Signal::new();
+static PILOT: Newest<PilotInput> = Signal::new();
 static BATTERY_V: Newest<f32> = Signal::new();
 
 /// Time after which a step is made without an inertial sample: three of its periods.
@@ -57,14 +59,13 @@ pub(crate) fn start(spawner: Spawner) {
     let radio_buffer = singleton!(: board::RadioBuffer = RADIO_BUFFER).expect("start runs once");
     let Board { motors, imu_bus, imu_select, imu_ready, radio, battery, status } = board::init(radio_buffer);
     start_cycle_counter();
-    defmt::info!("{=str}: no arming: motors are told to stop", board::NAME);
+    defmt::info!("{=str}", board::NAME);
 
     let reports: &'static mut Reports = singleton!(: Reports = Queue::new()).expect("start runs once");
     let (producer, consumer) = reports.split();
     // Not `expect`: printing a float in text would add 30 KB to the image.
-    let flight = Flight::try_new().unwrap_or_else(|e| {
-        defmt::panic!("{=str}.{=str} = {=f32}, allowed: {=str}", e.part, e.field, e.value, e.allowed)
-    });
+    let flight = Flight::try_new(&Parameters::default())
+        .unwrap_or_else(|e| defmt::panic!("{=str}.{=str} = {=f32} cannot fly", e.name[0], e.name[1], e.value));
     let imu = Imu::new(imu_bus, imu_select, imu_ready);
     let control = control(flight, imu, Motors::new(motors), producer).expect("control is started once");
     board::start_control_executor().spawn(control);
@@ -80,30 +81,29 @@ async fn control(mut flight: Flight, mut imu: Imu, mut motors: Motors, mut repor
     if who != WHO_AM_I.1 {
         defmt::error!("the inertial unit says it is {=u8:#04x}, expected {=u8:#04x}", who, WHO_AM_I.1);
     }
+    let self_test_passed = who == WHO_AM_I.1;
     let mut tally = Tally::new(SAMPLE_HZ);
     let mut pace = Pace::new(SAMPLE_HZ, now_us());
-    let mut number = 0_u32;
+    let (mut number, mut late) = (0_u32, false);
     loop {
         let ready = imu.wait(IMU_WAIT).await;
         let (time_us, started) = (now_us(), DWT::cycle_count());
-        pace.start(time_us);
         let measurements = read(&mut imu, ready, time_us).await;
-        let step = flight.step(time_us, &measurements);
-        motors.write(step.command).await;
+        let arrived = Arrived { measurements, pilot: PILOT.try_take(), late, self_test_passed };
+        let command = flight.step(time_us, &arrived);
+        motors.write(command).await;
         number = number.wrapping_add(1);
-        black_box::keep(&Record::of(number, time_us, &measurements, &step));
-        let cycles = DWT::cycle_count().wrapping_sub(started);
-        let pulses = Pulse::from_thrusts(step.output.thrust_n, &flight.airframe);
-        tally.tick(&step, measurements.imu.is_some(), pulses, cycles);
-        if let Some(report) = tally.close(pace.finish(now_us())) {
-            let report = Report { altitude_gains: flight.altitude_gains(), ..report };
+        black_box::keep(&Record { step: number, time_us, arrived, command });
+        tally.step(measurements.imu.is_some(), command, DWT::cycle_count().wrapping_sub(started));
+        late = pace.finish(now_us());
+        if let Some(report) = tally.close(late) {
             // A full queue means that the log hangs, and then there is nobody to tell.
             let _ = reports.enqueue(report);
         }
     }
 }
 
-/// Everything that has arrived since the last look.
+/// Everything that the sensors have said since the last look.
 async fn read(imu: &mut Imu, ready: bool, time_us: u64) -> Measurements {
     let value = if ready { imu.read().await } else { None };
     Measurements {
@@ -125,9 +125,9 @@ async fn listen(mut radio: Radio) -> ! {
     loop {
         // After noise or an overrun the line is listened to anew: frames have checksums.
         if let Ok(count) = radio.read(&mut bytes).await
-            && let Some(value) = receiver.push(&bytes[..count])
+            && let Some(channels) = receiver.push(&bytes[..count])
         {
-            CHANNELS.signal(Stamped { time_us: now_us(), value });
+            PILOT.signal(Stamped { time_us: now_us(), value: pilot::input(&channels) });
         }
     }
 }
@@ -163,16 +163,12 @@ fn inverse(level: Level) -> Level {
 }
 
 fn write(report: &Report) {
-    let Report { ticks, late, rejected, blind, cycles_max, altitude_error_m_max, hash, .. } = *report;
-    let [k_p, k_i, k_d] = report.altitude_gains;
-    let [m1, m2, m3, m4] = report.pulses.map(Pulse::us);
-    defmt::info!("ticks {=u32}, late {=u32}, rejected {=u32}, blind {=u32}", ticks, late, rejected, blind);
-    defmt::info!("data ready to frame sent: worst {=u32} cycles; thrusts so far {=u32:08x}", cycles_max, hash);
-    defmt::info!("altitude error within {=f32} m, gains {=f32} {=f32} {=f32}", altitude_error_m_max, k_p, k_i, k_d);
-    defmt::info!("motors stopped; armed they would get {=u16} {=u16} {=u16} {=u16} us", m1, m2, m3, m4);
-    if let Some(Stamped { value, .. }) = CHANNELS.try_take() {
-        let [roll, pitch, throttle, yaw, arm, ..] = value.0;
-        defmt::info!("pilot {=f32} {=f32} {=f32} {=f32}, arm {=f32}", roll, pitch, throttle, yaw, arm);
+    let Report { steps, late, blind, cycles_max, hash, command } = *report;
+    defmt::info!("steps {=u32}, late {=u32}, blind {=u32}", steps, late, blind);
+    defmt::info!("data ready to frames sent: worst {=u32} cycles; commands so far {=u32:08x}", cycles_max, hash);
+    match command {
+        Command::Stop => defmt::info!("motors stand"),
+        Command::Run([m1, m2, m3, m4]) => defmt::info!("motors {=f32} {=f32} {=f32} {=f32}", m1, m2, m3, m4),
     }
 }
 
