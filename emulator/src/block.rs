@@ -31,8 +31,6 @@ pub(crate) struct Block {
     pub(crate) cycles: u32,
     /// Addresses of the constants it loads relative to the program counter.
     pub(crate) literals: Vec<u32>,
-    /// Whether it ends within an IT block, where no exception may be taken by this model.
-    pub(crate) in_it: bool,
     /// Whether it has a SEV.
     pub(crate) sends_event: bool,
 }
@@ -52,10 +50,9 @@ impl Block {
             instructions: 0,
             cycles: 0,
             literals: Vec::new(),
-            in_it: false,
             sends_event: false,
         };
-        let (mut at, mut it_left) = (0, 0_u32);
+        let mut at = 0;
         while let Some(&first) = halves.get(at) {
             let pc = address + 2 * at as u32 + 4;
             let wide = first >> 11 > 0b11100;
@@ -68,14 +65,8 @@ impl Block {
             block.cycles += cost.cycles;
             block.literals.extend(cost.literal);
             block.sends_event |= first == 0xbf40;
-            it_left = if first & 0xff00 == 0xbf00 && first & 0xf != 0 {
-                4 - (first & 0xf).trailing_zeros()
-            } else {
-                it_left.saturating_sub(1)
-            };
             at += 1 + usize::from(wide);
         }
-        block.in_it = it_left > 0;
         block
     }
 }
@@ -200,10 +191,8 @@ mod tests {
     }
 
     #[test]
-    fn a_block_cut_within_it_says_so() {
-        // ITE EQ covers two instructions.
-        assert!(decode(&[0xbf0c, 0x2001]).in_it);
-        assert!(!decode(&[0xbf0c, 0x2001, 0x2000]).in_it);
-        assert!(decode(&[0xbf40]).sends_event);
+    fn an_event_that_is_sent_is_seen() {
+        assert!(decode(&[0xbf00, 0xbf40]).sends_event);
+        assert!(!decode(&[0xbf20]).sends_event);
     }
 }

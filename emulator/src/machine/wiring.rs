@@ -41,7 +41,6 @@ pub(super) struct Open {
     end: u32,
     cost: u64,
     instructions: u32,
-    in_it: bool,
 }
 
 impl State {
@@ -62,13 +61,14 @@ impl State {
 
     /// The CPU is about to run a block; whether it must stop instead.
     fn on_block(&mut self, address: u32, size: u32, unicorn: &mut Unicorn<'_, ()>) -> bool {
-        let in_it = self.open.is_some_and(|open| open.in_it);
         self.close(address, &mut Ram(unicorn));
         let chip = &self.chip;
-        self.stopped = chip.failure.is_some()
+        let wanted = chip.failure.is_some()
             || chip.reset.is_some()
             || chip.now >= self.until
-            || !in_it && chip.nvic.is_waiting() && chip.nvic.next(masks(unicorn)).is_some();
+            || chip.nvic.is_waiting() && chip.nvic.next(masks(unicorn)).is_some();
+        // Unicorn cannot be told the state of an IT block, so nothing may come between its instructions.
+        self.stopped = wanted && !is_in_it(unicorn);
         if !self.stopped {
             self.open(address, size, unicorn);
         }
@@ -89,7 +89,7 @@ impl State {
         };
         let cost = u64::from(block.cycles) + self.cache.fetch(address, block.end) + self.cache.load(&block.literals);
         self.event |= block.sends_event;
-        self.open = Some(Open { end: block.end, cost, instructions: block.instructions, in_it: block.in_it });
+        self.open = Some(Open { end: block.end, cost, instructions: block.instructions });
     }
 
     /// Charges the block that has ended with the CPU about to run `next`.
@@ -195,6 +195,12 @@ impl Memory for Ram<'_, '_> {
         // Sectors are within flash.
         let _ = self.0.mem_write(address.into(), &vec![0xff; bytes as usize]);
     }
+}
+
+/// Whether the CPU is within an IT block: ITSTATE in xPSR.
+fn is_in_it(unicorn: &Unicorn<'_, ()>) -> bool {
+    // A register of the CPU can always be read.
+    unicorn.reg_read(R::XPSR).unwrap_or(0) & 0x0600_fc00 != 0
 }
 
 pub(super) fn masks(unicorn: &Unicorn<'_, ()>) -> Masks {
