@@ -6,7 +6,7 @@ use firmware::flight::{Command, Flight};
 use firmware::record::Record;
 use std::f32::consts::TAU;
 use system_tests::aloft::{Aloft, Hands, SAMPLE_HZ};
-use system_tests::emulator::{Answer, Emulator, Motion};
+use system_tests::emulator::{Answer, Emulator, Mishap, Motion};
 
 /// How long it is thrown about, s.
 const SECONDS: u32 = 10;
@@ -193,4 +193,63 @@ fn speed_controllers_understand_every_frame_and_no_motor_turns_unarmed() {
     });
     let end = end.expect("it flew");
     assert!(end.understood.iter().all(|&frames| frames >= 3 * SAMPLE_HZ), "{:?}", end.understood);
+}
+
+/// Armed on the ground, rotors idling; then `mishap`. Returns how long frames that let a motor turn were still sent, s, and
+/// what the image logged in the second after.
+fn idling_then(mishap: Mishap) -> (f64, String, Aloft) {
+    let hands = Hands { arm: true, ..Hands::default() };
+    let mut aloft = Aloft::on_the_ground();
+    while aloft.time_s() < 7.0 {
+        aloft.step(&Hands { arm: aloft.time_s() > 6.0, ..hands });
+    }
+    assert!(aloft.answer.told.iter().all(|told| told.is_some_and(|told| told >= 48)), "{:?}", aloft.answer.told);
+    aloft.inflict(mishap);
+    let (mut log, mut turned_s, mut frames) = (String::new(), 0.0, aloft.answer.understood[0]);
+    while aloft.time_s() < 8.5 {
+        aloft.step(&hands);
+        log += &aloft.answer.log;
+        let new = aloft.answer.understood[0] > frames;
+        frames = aloft.answer.understood[0];
+        if new && aloft.answer.told.iter().any(|told| told.is_some_and(|told| told > 0)) {
+            turned_s = aloft.time_s() - 7.0;
+        }
+    }
+    (turned_s, log, aloft)
+}
+
+#[test]
+fn a_hard_fault_cuts_the_motors_at_once_and_is_reported_after_the_reset() {
+    let (turned_s, log, aloft) = idling_then(Mishap::HardFault);
+    println!("{log}");
+    assert!(turned_s <= 0.001, "{turned_s} s");
+    assert!(log.contains("before this start: hard fault at 0x60000000"), "{log}");
+    assert!(log.contains("the watchdog has reset the chip"), "{log}");
+    // The switch is still on, but it has not gone on.
+    assert_eq!(aloft.answer.told, STOP);
+}
+
+#[test]
+fn a_program_that_hangs_is_reset_and_stays_disarmed() {
+    let (turned_s, log, aloft) = idling_then(Mishap::Hang);
+    assert!(turned_s <= 0.001, "{turned_s} s");
+    assert!(log.contains("the watchdog has reset the chip"), "{log}");
+    assert_eq!(aloft.answer.told, STOP);
+}
+
+#[test]
+fn a_hang_below_control_costs_the_link_and_control_flies_on() {
+    let (turned_s, log, aloft) = idling_then(Mishap::HangBelow);
+    // Until the link is lost, half a second later, and the failsafe acts.
+    assert!((0.4..0.6).contains(&turned_s), "{turned_s} s");
+    assert!(log.is_empty(), "nobody logs any more: {log}");
+    assert_eq!(aloft.answer.told, STOP);
+}
+
+#[test]
+fn without_data_ready_steps_go_on_without_samples_and_the_watchdog_is_fed() {
+    let (turned_s, log, aloft) = idling_then(Mishap::NoDataReady);
+    println!("turned {turned_s} s more; {log}");
+    assert!(log.contains("steps") && !log.contains("watchdog"), "{log}");
+    assert!(aloft.answer.understood[0] > 10_000, "frames go on: {:?}", aloft.answer.understood);
 }

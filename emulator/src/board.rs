@@ -36,6 +36,8 @@ pub(crate) struct Board {
     pub(crate) imu: Icm42688,
     pub(crate) escs: [Esc; 4],
     pub(crate) battery_v: f32,
+    /// Whether the chip no longer sees the data-ready line.
+    pub(crate) ready_line_broken: bool,
     /// When the last sample became ready, core cycles.
     ready_at: u64,
     /// Longest time from a sample to the first frame that was through after it, core cycles.
@@ -44,7 +46,14 @@ pub(crate) struct Board {
 
 impl Board {
     pub(crate) fn new() -> Self {
-        Self { imu: Icm42688::new(CYCLES_US), escs: [Esc::default(); 4], battery_v: 16.8, ready_at: 0, latency_max: 0 }
+        Self {
+            imu: Icm42688::new(CYCLES_US),
+            escs: [Esc::default(); 4],
+            battery_v: 16.8,
+            ready_line_broken: false,
+            ready_at: 0,
+            latency_max: 0,
+        }
     }
 
     /// Tells the inertial unit how the body moves: forward, right, down.
@@ -65,7 +74,7 @@ impl Board {
         if level == Some(true) {
             self.ready_at = now;
         }
-        level
+        level.filter(|_| !self.ready_line_broken)
     }
 
     /// A pulse on a motor's line.

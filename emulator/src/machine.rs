@@ -18,6 +18,9 @@ use wiring::{FLASH_BYTES, Ram, State, masks, wire};
 
 mod wiring;
 
+/// An address without memory.
+const NOWHERE: u32 = 0x6000_0000;
+
 /// Registers of the CPU, and memory.
 pub(crate) struct Cpu {
     unicorn: Unicorn<'static, ()>,
@@ -165,6 +168,31 @@ impl Machine {
             bad: board.escs.map(|esc| esc.bad),
             latency_max: board.latency_max,
         }
+    }
+
+    /// Sends the core where there is no code.
+    pub fn derail(&mut self) {
+        self.close_here();
+        self.cpu.set(R::PC, NOWHERE | 1);
+    }
+
+    /// Lets the program hang where it is, interrupts masked or not.
+    pub fn hang(&mut self, masked: bool) {
+        self.close_here();
+        self.cpu.set(R::PRIMASK, masked.into());
+        self.cpu.set(R::PC, self.state.borrow().loop_at() | 1);
+    }
+
+    /// Breaks the inertial unit's data-ready line.
+    pub fn break_data_ready(&mut self) {
+        self.state.borrow_mut().chip.board.ready_line_broken = true;
+    }
+
+    /// Charges what has run, before the core is sent elsewhere.
+    fn close_here(&mut self) {
+        let pc = self.cpu.register(R::PC);
+        self.close(pc);
+        self.asleep = None;
     }
 
     /// Faults that the image has handled.

@@ -59,7 +59,7 @@ fn watch(machine: &mut Machine, image: &Image, seconds: f64) -> Result<()> {
         if f64::from(looks) % (RADIO_S / LOOK_S) < 1.0 && machine.next_sample().is_some() {
             machine.send_channels(HANDS_OFF);
         }
-        let tremble = TREMBLE_RAD_S * (looks % 5) as f32;
+        let tremble = TREMBLE_RAD_S * f32::from(looks % 5);
         machine.move_body(AT_REST_M_S2.map(|force| force + tremble), [tremble, -tremble, tremble]);
         let until = machine.now() + (LOOK_S * machine.core_hz() as f64) as u64;
         let result = machine.run_until(until);

@@ -7,6 +7,7 @@
 //! | `m`             | 6 × f32: specific force, m/s², and rate, rad/s, forward, right, down; holds |
 //! | `b`             | f32: battery, V; holds                                                      |
 //! | `c`             | 16 × u16: the radio receiver sends a frame with these channels now          |
+//! | `f`             | u8: 0 the core goes where there is no code, 1 the program hangs with interrupts masked, 2 the data-ready line breaks, 3 what runs below interrupts hangs |
 //! | `n`             | nothing: run one period of the inertial unit, then answer                   |
 //!
 //! A period ends [`BEFORE_SAMPLE`] cycles before the next sample, so that whatever is said next is in it.
@@ -54,6 +55,17 @@ pub fn serve(image: &Image, mut input: impl Read, mut output: impl Write) -> io:
                 machine.set_battery(volts);
             }
             b'c' => machine.send_channels(channels(&mut input)?),
+            b'f' => {
+                let mut mishap = [0];
+                input.read_exact(&mut mishap)?;
+                match mishap[0] {
+                    0 => machine.derail(),
+                    1 => machine.hang(true),
+                    2 => machine.break_data_ready(),
+                    3 => machine.hang(false),
+                    other => return Err(io::Error::new(ErrorKind::InvalidData, format!("there is no mishap {other}"))),
+                }
+            }
             b'n' => match step(&mut machine, &mut log, record) {
                 Ok(answer) => output.write_all(&answer)?,
                 Err(failure) => return refuse(&mut output, &failure),
@@ -99,8 +111,9 @@ fn step(machine: &mut Machine, log: &mut Log, record: u32) -> Result<Vec<u8>, Fa
 
 /// Runs until the inertial unit is on; returns the end of the period before its first sample.
 fn boot(machine: &mut Machine) -> Result<u64, Failure> {
+    let latest = machine.now() + BOOT_MAX;
     while machine.next_sample().is_none() {
-        if machine.now() > BOOT_MAX {
+        if machine.now() > latest {
             return Err(Failure("the image does not switch its inertial unit on".to_owned()));
         }
         machine.run_until(machine.now() + BEFORE_SAMPLE)?;

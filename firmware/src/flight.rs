@@ -198,8 +198,8 @@ mod tests {
 
     #[test]
     fn no_motor_turns_before_the_switch_nor_with_a_part_that_is_not_there() {
-        for (why, result) in [("not armed", rest(5.0, 9.0, true)), ("a part is gone", rest(5.0, 4.5, false))] {
-            assert_eq!(result.0, Command::Stop, "{why}");
+        for (why, armed_s, self_test_passed) in [("not armed", 9.0, true), ("a part is gone", 4.5, false)] {
+            assert_eq!(rest(5.0, armed_s, self_test_passed).0, Command::Stop, "{why}");
         }
         let (command, flight) = rest(2.0, 1.0, true);
         assert_eq!(command, Command::Stop, "the gyro's bias is not known yet: {:?}", flight.decision());

@@ -22,7 +22,10 @@ use embassy_time::{Duration, Instant, Ticker};
 use heapless::spsc::{Consumer, Producer, Queue};
 
 use crate::black_box;
-use crate::board::{self, BATTERY_DIVIDER, BatteryChannel, Board, Converter, RADIO_BUFFER, Radio, STATUS_ON, Status};
+use crate::board::{
+    self, BATTERY_DIVIDER, BatteryChannel, Board, Converter, RADIO_BUFFER, Radio, STATUS_ON, Status, Watchdog,
+};
+use crate::fault;
 use crate::imu::Imu;
 use crate::motors::Motors;
 use firmware::battery;
@@ -48,6 +51,8 @@ static BATTERY_V: Newest<f32> = Signal::new();
 
 /// Time after which a step is made without an inertial sample: three of its periods.
 const IMU_WAIT: Duration = Duration::from_micros((3e6 / SAMPLE_HZ) as u64);
+/// Time within which a step must be done, once it has begun: its period.
+const STEP_US_MAX: u64 = (1e6 / SAMPLE_HZ) as u64;
 /// Battery readings a second.
 const BATTERY_HZ: u64 = 10;
 
@@ -57,9 +62,14 @@ const BATTERY_HZ: u64 = 10;
 /// If the configuration is refused or a task is started twice: both before a motor could turn.
 pub(crate) fn start(spawner: Spawner) {
     let radio_buffer = singleton!(: board::RadioBuffer = RADIO_BUFFER).expect("start runs once");
-    let Board { motors, imu_bus, imu_select, imu_ready, radio, battery, status } = board::init(radio_buffer);
+    let board = board::init(radio_buffer);
+    let Board { motors, imu_bus, imu_select, imu_ready, radio, battery, status, watchdog, bitten } = board;
     start_cycle_counter();
     defmt::info!("{=str}", board::NAME);
+    fault::report();
+    if bitten {
+        defmt::error!("the watchdog has reset the chip: no step was done in time, or a fault had stopped all");
+    }
 
     let reports: &'static mut Reports = singleton!(: Reports = Queue::new()).expect("start runs once");
     let (producer, consumer) = reports.split();
@@ -67,7 +77,7 @@ pub(crate) fn start(spawner: Spawner) {
     let flight = Flight::try_new(&Parameters::default())
         .unwrap_or_else(|e| defmt::panic!("{=str}.{=str} = {=f32} cannot fly", e.name[0], e.name[1], e.value));
     let imu = Imu::new(imu_bus, imu_select, imu_ready);
-    let control = control(flight, imu, Motors::new(motors), producer).expect("control is started once");
+    let control = control(flight, imu, Motors::new(motors), watchdog, producer).expect("control is started once");
     board::start_control_executor().spawn(control);
     spawner.spawn(listen(radio).expect("listen is started once"));
     spawner.spawn(measure_battery(battery.0, battery.1).expect("measure_battery is started once"));
@@ -76,7 +86,13 @@ pub(crate) fn start(spawner: Spawner) {
 
 /// Reads, calls the core, writes: at each inertial sample, above everything but drivers and the clock.
 #[embassy_executor::task]
-async fn control(mut flight: Flight, mut imu: Imu, mut motors: Motors, mut reports: Reporter) -> ! {
+async fn control(
+    mut flight: Flight,
+    mut imu: Imu,
+    mut motors: Motors,
+    mut watchdog: Watchdog,
+    mut reports: Reporter,
+) -> ! {
     let who = imu.start().await;
     if who != WHO_AM_I.1 {
         defmt::error!("the inertial unit says it is {=u8:#04x}, expected {=u8:#04x}", who, WHO_AM_I.1);
@@ -85,6 +101,7 @@ async fn control(mut flight: Flight, mut imu: Imu, mut motors: Motors, mut repor
     let mut tally = Tally::new(SAMPLE_HZ);
     let mut pace = Pace::new(SAMPLE_HZ, now_us());
     let (mut number, mut late) = (0_u32, false);
+    watchdog.unleash();
     loop {
         let ready = imu.wait(IMU_WAIT).await;
         let (time_us, started) = (now_us(), DWT::cycle_count());
@@ -95,7 +112,12 @@ async fn control(mut flight: Flight, mut imu: Imu, mut motors: Motors, mut repor
         number = number.wrapping_add(1);
         black_box::keep(&Record { step: number, time_us, arrived, command });
         tally.step(measurements.imu.is_some(), command, DWT::cycle_count().wrapping_sub(started));
-        late = pace.finish(now_us());
+        let done_us = now_us();
+        late = pace.finish(done_us);
+        // By what the step took, not by when it came: an inertial unit that is gone is no reason to reset in the air.
+        if done_us.saturating_sub(time_us) < STEP_US_MAX {
+            watchdog.pet();
+        }
         if let Some(report) = tally.close(late) {
             // A full queue means that the log hangs, and then there is nobody to tell.
             let _ = reports.enqueue(report);

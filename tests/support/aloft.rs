@@ -1,7 +1,7 @@
 //! The emulated image in a simulated machine: sensors from the plant, thrust from what the speed controllers hear.
 //!
 //! Noise is white, of about the part's size. A rotor's thrust grows with the square of what its controller is told.
-use crate::emulator::{Answer, Emulator, Motion};
+use crate::emulator::{Answer, Emulator, Mishap, Motion};
 use crate::motion::Noise;
 use sim_host::actuators::Drive;
 use sim_host::ground::Ground;
@@ -60,6 +60,11 @@ impl Aloft {
         let answer = emulator.step(&Motion { force_m_s2: [0.0, 0.0, -9.81], rate_rad_s: [0.0; 3] });
         let actuation = Actuation { drives: [drive; 4], gust: Gust::default() };
         Self { emulator, plant, actuation, vehicle, noise: Noise::new(7), samples: 0, answer }
+    }
+
+    /// Does something to the chip that no program should.
+    pub fn inflict(&mut self, mishap: Mishap) {
+        self.emulator.inflict(mishap);
     }
 
     /// The truth now.

@@ -30,10 +30,23 @@ pub struct Answer {
     pub told: [Option<u16>; 4],
     /// Frames that each speed controller has understood.
     pub understood: [u32; 4],
-    /// The image's record of its last step, once it has made one.
+    /// The image's record of its last step, once it has made one; none if a step was being made when the period ended.
     pub record: Option<Record>,
     /// What it has logged.
     pub log: String,
+}
+
+/// What may befall the chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mishap {
+    /// The core goes where there is no code.
+    HardFault = 0,
+    /// The program hangs where it is, all interrupts masked.
+    Hang = 1,
+    /// The inertial unit's data-ready line breaks.
+    NoDataReady = 2,
+    /// What runs below all interrupts hangs.
+    HangBelow = 3,
 }
 
 /// A running image.
@@ -88,6 +101,14 @@ impl Emulator {
         self.input.write_all(&message).expect("the emulator listens");
     }
 
+    /// Does something to the chip that no program should: see [`Mishap`].
+    ///
+    /// # Panics
+    /// If the pipe breaks.
+    pub fn inflict(&mut self, mishap: Mishap) {
+        self.input.write_all(&[b'f', mishap as u8]).expect("the emulator listens");
+    }
+
     /// Moves the body and lets one period pass.
     ///
     /// # Panics
@@ -104,10 +125,7 @@ impl Emulator {
 
     fn answer(&mut self) -> io::Result<Answer> {
         let [kind] = self.bytes()?;
-        if kind == b'x' {
-            panic!("the emulator has stopped: {}", self.text()?);
-        }
-        assert_eq!(kind, b's');
+        assert_eq!(kind, b's', "the emulator has stopped: {}", self.text()?);
         let (cycles, busy) = (u64::from_le_bytes(self.bytes()?), u64::from_le_bytes(self.bytes()?));
         let latency_max = u64::from_le_bytes(self.bytes()?);
         let mut told = [None; 4];
@@ -130,8 +148,8 @@ impl Emulator {
         for word in &mut words {
             *word = u32::from_le_bytes(self.bytes()?);
         }
-        assert_eq!(sequence % 2, 0, "a period ends between two steps");
-        Ok((sequence > 0).then(|| Record::from_words(&words)))
+        // Odd while it is being written.
+        Ok((sequence > 0 && sequence.is_multiple_of(2)).then(|| Record::from_words(&words)))
     }
 
     fn bytes<const N: usize>(&mut self) -> io::Result<[u8; N]> {

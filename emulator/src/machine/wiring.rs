@@ -10,6 +10,8 @@ use std::rc::Rc;
 use unicorn_engine::{Arch, ArmCpuModel, HookType, Mode, Prot, RegisterARM as R, Unicorn, uc_error};
 
 pub(super) const FLASH_BYTES: u32 = 1024 * 1024;
+/// Above the image: a branch to itself, for [`super::Machine::hang`].
+const LOOP: (u32, [u8; 2]) = (FLASH_START + FLASH_BYTES - 2, [0xfe, 0xe7]);
 pub(super) const RAM_START: u32 = 0x2000_0000;
 const RAM_BYTES: u32 = 128 * 1024;
 /// Unicorn maps whole pages.
@@ -44,6 +46,11 @@ pub(super) struct Open {
 }
 
 impl State {
+    /// Where a branch to itself is.
+    pub(super) fn loop_at(&self) -> u32 {
+        LOOP.0
+    }
+
     /// Before the first instruction.
     pub(super) fn new() -> Self {
         Self {
@@ -120,6 +127,7 @@ pub(super) fn wire(state: &Rc<RefCell<State>>) -> Result<Unicorn<'static, ()>, u
     // No address ends the run.
     unicorn.ctl_exits_enable()?;
     unicorn.mem_map(FLASH_START.into(), FLASH_BYTES.into(), Prot::READ | Prot::EXEC)?;
+    unicorn.mem_write(LOOP.0.into(), &LOOP.1)?;
     unicorn.mem_map(RAM_START.into(), RAM_BYTES.into(), Prot::ALL)?;
     for (base, bytes) in PERIPHERALS {
         debug_assert!(bytes % PAGE == 0);

@@ -26,13 +26,14 @@ use embassy_stm32::adc::{Adc, AdcChannel, AnyAdcChannel};
 use embassy_stm32::exti::{self, ExtiInput};
 use embassy_stm32::gpio::{Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
-use embassy_stm32::peripherals::{ADC1, DMA1_CH2, DMA1_CH5, DMA1_CH6, DMA2_CH0, DMA2_CH3, TIM3, TIM4, USART2};
+use embassy_stm32::peripherals::{ADC1, DMA1_CH2, DMA1_CH5, DMA1_CH6, DMA2_CH0, DMA2_CH3, IWDG, TIM3, TIM4, USART2};
 use embassy_stm32::spi::{self, Spi};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::Channel::{Ch1, Ch2, Ch3, Ch4};
 use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
 use embassy_stm32::usart::{self, RingBufferedUartRx, UartRx};
+use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, pac, rcc};
 use firmware::icm42688::{Mount, SPI_HZ_MAX};
 use firmware::{crsf, dshot};
@@ -50,6 +51,8 @@ pub(crate) const IMU_MOUNT: Mount = [(1, false), (0, false), (2, true)];
 /// The status LED is on when its pin is low.
 pub(crate) const STATUS_ON: Level = Level::Low;
 
+/// Time without a step that was done in time after which the watchdog resets the chip, µs.
+const WATCHDOG_US: u32 = 20_000;
 /// Bytes of the radio receiver that may wait: eight frames.
 const RADIO_BYTES: usize = 208;
 
@@ -79,8 +82,14 @@ pub(crate) struct Board {
     pub(crate) battery: (Converter, BatteryChannel),
     /// The status LED.
     pub(crate) status: Status,
+    /// Resets the chip once it is unleashed and not fed.
+    pub(crate) watchdog: Watchdog,
+    /// Whether the watchdog has caused this start.
+    pub(crate) bitten: bool,
 }
 
+/// The independent watchdog.
+pub(crate) type Watchdog = IndependentWatchdog<'static, IWDG>;
 /// The inertial unit's bus.
 pub(crate) type ImuBus = Spi<'static, embassy_stm32::mode::Async, spi::mode::Master>;
 /// The inertial unit's data-ready line.
@@ -172,7 +181,16 @@ pub(crate) fn init(radio: &'static mut RadioBuffer) -> Board {
             .into_ring_buffered(radio),
         battery: (Adc::new(p.ADC1), p.PC0.degrade_adc()),
         status: Output::new(p.PC13, Level::High, Speed::Low),
+        watchdog: IndependentWatchdog::new(p.IWDG, WATCHDOG_US),
+        bitten: take_bitten(),
     }
+}
+
+/// Whether the watchdog has caused this start; the flag that says so is cleared.
+fn take_bitten() -> bool {
+    let bitten = pac::RCC.csr().read().wdgrstf();
+    pac::RCC.csr().modify(|w| w.set_rmvf(true));
+    bitten
 }
 
 /// Where the radio receiver's bytes wait.
