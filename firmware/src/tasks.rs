@@ -14,7 +14,6 @@ use cortex_m::peripheral::DWT;
 use cortex_m::singleton;
 use defmt_rtt as _;
 use embassy_executor::Spawner;
-use embassy_stm32::adc::SampleTime;
 use embassy_stm32::gpio::Level;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
@@ -22,13 +21,11 @@ use embassy_time::{Duration, Instant, Ticker};
 use heapless::spsc::{Consumer, Producer, Queue};
 
 use crate::black_box;
-use crate::board::{
-    self, BATTERY_DIVIDER, BatteryChannel, Board, Converter, RADIO_BUFFER, Radio, STATUS_ON, Status, Watchdog,
-};
+use crate::board::{self, BATTERY_DIVIDER, Battery, Board, RADIO_BUFFER, Radio, STATUS_ON, Status, Watchdog};
 use crate::fault;
 use crate::imu::Imu;
 use crate::motors::Motors;
-use firmware::battery;
+use firmware::battery::volts;
 use firmware::crsf::Receiver;
 use firmware::flight::{Arrived, Command, Flight};
 use firmware::icm42688::{SAMPLE_HZ, WHO_AM_I};
@@ -80,7 +77,7 @@ pub(crate) fn start(spawner: Spawner) {
     let control = control(flight, imu, Motors::new(motors), watchdog, producer).expect("control is started once");
     board::start_control_executor().spawn(control);
     spawner.spawn(listen(radio).expect("listen is started once"));
-    spawner.spawn(measure_battery(battery.0, battery.1).expect("measure_battery is started once"));
+    spawner.spawn(measure_battery(battery).expect("measure_battery is started once"));
     spawner.spawn(log(consumer, status).expect("log is started once"));
 }
 
@@ -156,12 +153,11 @@ async fn listen(mut radio: Radio) -> ! {
 
 /// Measures the battery.
 #[embassy_executor::task]
-async fn measure_battery(mut converter: Converter, mut channel: BatteryChannel) -> ! {
+async fn measure_battery(mut battery: Battery) -> ! {
     let mut ticker = Ticker::every(Duration::from_hz(BATTERY_HZ));
     loop {
         ticker.next().await;
-        let counts = converter.blocking_read(&mut channel, SampleTime::CYCLES480);
-        BATTERY_V.signal(Stamped { time_us: now_us(), value: battery::volts(counts, BATTERY_DIVIDER) });
+        BATTERY_V.signal(Stamped { time_us: now_us(), value: volts(battery.counts(), BATTERY_DIVIDER) });
     }
 }
 

@@ -16,6 +16,8 @@ pub(crate) fn run(workspace: &Workspace) -> Result<()> {
     // The board's packages twice: with their tests and stubs on the host, and as they are flashed.
     workspace.cargo(&["clippy", "--all-targets"]).args(BOARD).args(DENY).run()?;
     workspace.cargo(&["clippy", "--profile", PROFILE, "--target", TARGET]).args(BOARD).args(DENY).run()?;
+    let other = ["--package", "firmware", "--no-default-features", "--features", "orbit-h743"];
+    workspace.cargo(&["clippy", "--profile", PROFILE, "--target", TARGET]).args(other).args(DENY).run()?;
     workspace.cargo(&["doc", "--no-deps", "--all-features"]).env("RUSTDOCFLAGS", "-Dwarnings").run()?;
     Ok(())
 }

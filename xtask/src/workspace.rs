@@ -32,7 +32,12 @@ impl Workspace {
 
     /// Builds a package for the board; returns its ELF, which has the package's name.
     pub(crate) fn build_image(&self, package: &str) -> Result<PathBuf> {
-        self.cargo(&["build", "--package", package, "--profile", PROFILE, "--target", TARGET]).run()?;
+        self.build_image_with(package, &[])
+    }
+
+    /// The same, with more arguments to cargo.
+    pub(crate) fn build_image_with(&self, package: &str, arguments: &[&str]) -> Result<PathBuf> {
+        self.cargo(&["build", "--package", package, "--profile", PROFILE, "--target", TARGET]).args(arguments).run()?;
         Ok(self.target_dir.join(TARGET).join(PROFILE).join(package))
     }
 

@@ -11,7 +11,7 @@ use unicorn_engine::{Arch, ArmCpuModel, HookType, Mode, Prot, RegisterARM as R, 
 
 pub(super) const FLASH_BYTES: u32 = 1024 * 1024;
 /// Above the image: a branch to itself, for [`super::Machine::hang`].
-const LOOP: (u32, [u8; 2]) = (FLASH_START + FLASH_BYTES - 2, [0xfe, 0xe7]);
+pub(super) const LOOP: (u32, [u8; 2]) = (FLASH_START + FLASH_BYTES - 2, [0xfe, 0xe7]);
 pub(super) const RAM_START: u32 = 0x2000_0000;
 const RAM_BYTES: u32 = 128 * 1024;
 /// Unicorn maps whole pages.
@@ -46,11 +46,6 @@ pub(super) struct Open {
 }
 
 impl State {
-    /// Where a branch to itself is.
-    pub(super) fn loop_at(&self) -> u32 {
-        LOOP.0
-    }
-
     /// Before the first instruction.
     pub(super) fn new() -> Self {
         Self {

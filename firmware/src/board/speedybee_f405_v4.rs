@@ -22,7 +22,7 @@
 use core::mem::forget;
 
 use embassy_executor::{InterruptExecutor, SendSpawner};
-use embassy_stm32::adc::{Adc, AdcChannel, AnyAdcChannel};
+use embassy_stm32::adc::{Adc, AdcChannel, AnyAdcChannel, SampleTime};
 use embassy_stm32::exti::{self, ExtiInput};
 use embassy_stm32::gpio::{Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
@@ -78,8 +78,8 @@ pub(crate) struct Board {
     pub(crate) imu_ready: ImuReady,
     /// The radio receiver's line.
     pub(crate) radio: Radio,
-    /// The converter, and the battery's channel.
-    pub(crate) battery: (Converter, BatteryChannel),
+    /// The battery's voltage.
+    pub(crate) battery: Battery,
     /// The status LED.
     pub(crate) status: Status,
     /// Resets the chip once it is unleashed and not fed.
@@ -96,12 +96,21 @@ pub(crate) type ImuBus = Spi<'static, embassy_stm32::mode::Async, spi::mode::Mas
 pub(crate) type ImuReady = ExtiInput<'static, embassy_stm32::mode::Async>;
 /// The radio receiver's line.
 pub(crate) type Radio = RingBufferedUartRx<'static>;
-/// The converter.
-pub(crate) type Converter = Adc<'static, ADC1>;
-/// The battery's channel of the converter.
-pub(crate) type BatteryChannel = AnyAdcChannel<'static, ADC1>;
 /// The status LED.
 pub(crate) type Status = Output<'static>;
+
+/// The battery's channel of the converter.
+pub(crate) struct Battery {
+    converter: Adc<'static, ADC1>,
+    channel: AnyAdcChannel<'static, ADC1>,
+}
+
+impl Battery {
+    /// Measures, which takes some 25 µs; 12 bits.
+    pub(crate) fn counts(&mut self) -> u16 {
+        self.converter.blocking_read(&mut self.channel, SampleTime::CYCLES480)
+    }
+}
 
 /// Timers of the motors, two on each, and the DMA streams that write their bursts.
 pub(crate) struct MotorPins {
@@ -179,7 +188,7 @@ pub(crate) fn init(radio: &'static mut RadioBuffer) -> Board {
         radio: UartRx::new(p.USART2, p.PA3, p.DMA1_CH5, Irqs, line)
             .expect("the baud rate is within the port's range")
             .into_ring_buffered(radio),
-        battery: (Adc::new(p.ADC1), p.PC0.degrade_adc()),
+        battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PC13, Level::High, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG, WATCHDOG_US),
         bitten: take_bitten(),
