@@ -1,28 +1,13 @@
-//! Flight logic as it is flown: modes, arming and failsafes on a machine with ground under its feet.
+//! Flight logic as it is flown: modes and arming on a machine with ground under its feet.
 use control_core::arming::Check;
-use control_core::autopilot::{Autopilot, AutopilotState, Command, Step, System};
-use control_core::estimate::{Estimate, Health, Sigma};
-use control_core::failsafe::{Failsafe, Reaction, TABLE};
+use control_core::estimate::Health;
 use control_core::frames::Vec3;
-use control_core::measurement::Stamped;
 use control_core::modes::{Mode, Reason};
 use control_core::motor_test::MotorTestOrder;
-use control_core::parameters::Parameters;
-use control_core::pilot::{PilotInput, Sticks};
-use control_core::set::{Member, Set};
-use control_core::{Airframe, Config, Input, Setpoint};
+use control_core::pilot::Sticks;
+use control_core::set::Member;
 use sim_host::plant::Truth;
-use system_tests::garbage::Garbage;
 use system_tests::rig::{DT_S, HEALTHY, Rig};
-
-/// Comes down, and what it looks like when it has.
-fn lands(rig: &mut Rig, seconds: f64) {
-    rig.until(seconds, |_, command| !command.armed);
-    rig.fly(1.0);
-    let truth = rig.truth();
-    assert!(truth.touching && truth.tilt_rad() < 0.1 && truth.impact_m_s < 0.8, "{truth:?}");
-    assert_eq!(rig.command().motors, [0.0; 4]);
-}
 
 fn speed_m_s(truth: &Truth) -> f64 {
     truth.velocity_m_s.x.hypot(truth.velocity_m_s.y)
@@ -31,10 +16,6 @@ fn speed_m_s(truth: &Truth) -> f64 {
 /// What is looked at in a flight.
 type Flown = fn(&Truth) -> f64;
 
-const GENTLE: Sticks = Sticks { right: 0.2, ..Sticks::NEUTRAL };
-/// A height from which nothing comes down at once.
-const HIGH: [(&str, f32); 2] = [("TKO_HEIGHT", 10.0), ("TKO_SPEED", 4.0)];
-
 #[test]
 fn takes_off_hovers_lands_and_disarms_for_good() {
     let mut rig = Rig::new();
@@ -42,7 +23,7 @@ fn takes_off_hovers_lands_and_disarms_for_good() {
     let truth = rig.truth();
     assert!((truth.altitude_m() - 2.5).abs() < 0.3 && speed_m_s(&truth) < 0.1, "{truth:?}");
     rig.pilot.mode = Mode::Land;
-    lands(&mut rig, 12.0);
+    rig.lands(12.0);
     assert_eq!(rig.command().reason, Some(Reason::Disarmed));
     rig.pilot.mode = Mode::TakeOff;
     rig.watch(5.0, &mut |_, command| assert!(!command.armed && command.motors == [0.0; 4], "the switch is still on"));
@@ -56,7 +37,7 @@ fn modes_hand_over_without_a_bump() {
     let by_hand = [Mode::Rate, Mode::Angle, Mode::AltitudeHold, Mode::PositionHold];
     for from in by_hand {
         for to in [by_hand.as_slice(), &[Mode::Land, Mode::Descend]].concat() {
-            let mut rig = Rig::hovering(from, &HIGH);
+            let mut rig = Rig::hovering(from, &Rig::HIGH);
             let before = rig.truth();
             rig.pilot.mode = to;
             let (mut tilt_rad, mut drop_m): (f64, f64) = (0.0, 0.0);
@@ -92,7 +73,7 @@ fn sticks_do_what_the_modes_say() {
         (Mode::Rate, full(|s| s.right = 1.0), 0.25, |t| t.rate_rad_s.x, 2.618, 0.2, "roll rate"),
     ];
     for (mode, sticks, seconds, flown, want, within, what) in rows {
-        let mut rig = Rig::hovering(mode, &HIGH);
+        let mut rig = Rig::hovering(mode, &Rig::HIGH);
         rig.fly(1.0);
         rig.pilot.sticks = sticks;
         rig.fly(seconds);
@@ -103,7 +84,7 @@ fn sticks_do_what_the_modes_say() {
 
 #[test]
 fn position_hold_stops_and_stays_in_wind() {
-    let mut rig = Rig::hovering(Mode::PositionHold, &HIGH);
+    let mut rig = Rig::hovering(Mode::PositionHold, &Rig::HIGH);
     rig.wind_m_s = [4.0, -3.0];
     rig.pilot.sticks.forward = 1.0;
     rig.fly(4.0);
@@ -148,7 +129,7 @@ fn modes_fall_back_to_what_the_estimate_allows_and_come_back() {
         (Mode::Return, no(|h| h.position = false), Mode::Land),
         (Mode::Return, no(|h| h.altitude = false), Mode::Descend),
     ] {
-        let mut rig = hovering_for(Failsafe::NoVelocity);
+        let mut rig = Rig::away(Mode::PositionHold);
         rig.pilot.mode = aim;
         rig.fly(0.2);
         let before = rig.truth().altitude_m();
@@ -240,162 +221,10 @@ fn arms_in_every_mode_that_takes_off_and_idles() {
     }
 }
 
-/// What each row's flight is: what is done to a machine that hovers, and how long until it is noticed.
-fn provoke(failsafe: Failsafe, rig: &mut Rig) {
-    match failsafe {
-        Failsafe::NoRates => rig.spoil = |estimate| estimate.rate_rad_s.x = f32::NAN,
-        Failsafe::NoTilt => (rig.health.tilt, rig.link) = (false, false),
-        Failsafe::Tipped => {
-            rig.spoil = |estimate| estimate.attitude.rows = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]];
-        }
-        Failsafe::BatteryCritical => rig.system.battery_v = Some(4.0 * 3.2),
-        Failsafe::RotorLost => rig.shares[2] = 0.0,
-        Failsafe::Overrun => rig.system.late = true,
-        Failsafe::BatteryLow => rig.system.battery_v = Some(4.0 * 3.4),
-        Failsafe::Fence => (rig.pilot.sticks.forward, rig.pilot.sticks.right) = (1.0, 0.0),
-        Failsafe::LinkLost => rig.link = false,
-        Failsafe::OffboardStale => rig.offboard = None,
-        Failsafe::NoAltitude => rig.health.altitude = false,
-        Failsafe::NoVelocity => rig.health.velocity = false,
-        Failsafe::NoPosition => rig.health.position = false,
-    }
-}
-
-/// A machine that hovers at 10 m, 4 m from home, as the row needs it.
-fn hovering_for(failsafe: Failsafe) -> Rig {
-    let mode = match failsafe {
-        Failsafe::OffboardStale | Failsafe::NoPosition => Mode::Offboard,
-        _ => Mode::PositionHold,
-    };
-    let mut rig = Rig::with(&[HIGH[0], HIGH[1], ("BAT_CELLS", 4.0), ("FENCE_RADIUS", 15.0)]);
-    rig.system.battery_v = Some(16.0);
-    rig.take_off();
-    rig.pilot.sticks.forward = 1.0;
-    rig.fly(1.6);
-    rig.pilot.sticks = Sticks::NEUTRAL;
-    rig.fly(4.0);
-    let position_m = Vec3::new(4.0, 0.0, -10.0);
-    let zero = Vec3::zero();
-    let still = Setpoint { position_m, velocity_m_s: zero, acceleration_m_s2: zero, yaw_rad: 0.0, yaw_rate_rad_s: 0.0 };
-    rig.offboard = Some(still);
-    rig.pilot.mode = mode;
-    rig.fly(2.0);
-    assert_eq!(rig.mode(), mode);
-    rig
-}
-
-#[test]
-fn every_failsafe_is_flown_to_its_reaction() {
-    for row in &TABLE {
-        let mut rig = hovering_for(row.failsafe);
-        provoke(row.failsafe, &mut rig);
-        let acts_s = rig.until(9.0, |_, command| command.failsafes.contains(row.failsafe));
-        let noticed = *rig.command();
-        // Before a row's time runs, an age must be reached, a rotor found, a fence met.
-        let before_s = match row.failsafe {
-            Failsafe::LinkLost | Failsafe::OffboardStale | Failsafe::RotorLost => 0.52,
-            Failsafe::NoTilt => 0.51,
-            Failsafe::Fence => 6.0,
-            _ => 0.01,
-        };
-        let after_s = f64::from(row.after_s);
-        assert!((after_s - 0.01..after_s + before_s).contains(&acts_s), "{}: {acts_s} s", row.name);
-        match row.reaction {
-            Reaction::Terminate => assert!(!noticed.armed && noticed.motors == [0.0; 4], "{}", row.name),
-            Reaction::FallBack => assert!(noticed.mode != noticed.aim && noticed.armed, "{}", row.name),
-            Reaction::Hold => {
-                assert_eq!(noticed.mode, Mode::PositionHold, "{}", row.name);
-                let held = rig.truth();
-                rig.watch(5.0, &mut |truth, _| assert!((truth.position_m - held.position_m).norm() < 0.5));
-            }
-            Reaction::Return | Reaction::Land => {
-                assert_eq!(
-                    (Some(noticed.mode), noticed.reason),
-                    (row.reaction.mode(), Some(Reason::Failsafe(row.failsafe)))
-                );
-                lands(&mut rig, 60.0);
-                let truth = rig.truth();
-                let from_home_m = truth.position_m.x.hypot(truth.position_m.y);
-                assert!(row.reaction == Reaction::Land || from_home_m < 0.5, "{}: {from_home_m} m", row.name);
-            }
-        }
-    }
-}
-
-#[test]
-fn the_pilot_takes_over_after_a_lost_link_only_by_the_switch() {
-    let mut rig = hovering_for(Failsafe::LinkLost);
-    rig.link = false;
-    rig.fly(2.0);
-    assert_eq!(rig.mode(), Mode::Return);
-    rig.link = true;
-    rig.fly(0.5);
-    assert_eq!(rig.mode(), Mode::Return, "hearing the pilot is not enough");
-    rig.pilot.mode = Mode::AltitudeHold;
-    rig.fly(DT_S);
-    assert_eq!((rig.mode(), rig.command().reason), (Mode::AltitudeHold, Some(Reason::Chosen)));
-}
-
-#[test]
-fn the_pilot_may_overrule_a_low_battery_but_not_a_lost_rotor() {
-    for (failsafe, want) in [(Failsafe::BatteryLow, Mode::AltitudeHold), (Failsafe::RotorLost, Mode::Land)] {
-        let mut rig = hovering_for(failsafe);
-        provoke(failsafe, &mut rig);
-        rig.until(9.0, |_, command| command.failsafes.contains(failsafe));
-        rig.fly(0.1);
-        rig.pilot.mode = Mode::AltitudeHold;
-        rig.fly(1.0);
-        assert_eq!(rig.mode(), want, "{failsafe}");
-    }
-}
-
-#[test]
-fn the_worst_of_many_failsafes_wins_and_no_good_news_brings_a_milder_one() {
-    let mut rig = hovering_for(Failsafe::LinkLost);
-    rig.link = false;
-    rig.until(2.0, |_, command| command.mode == Mode::Return);
-    rig.system.battery_v = Some(12.0);
-    rig.until(3.0, |_, command| command.mode == Mode::Land);
-    (rig.system, rig.link) = (System { battery_v: Some(16.0), ..System::GOOD }, true);
-    rig.fly(1.0);
-    assert_eq!(rig.mode(), Mode::Land);
-    lands(&mut rig, 60.0);
-}
-
-#[test]
-fn five_seconds_without_external_vision_are_survived_in_every_mode() {
-    for mode in [Mode::PositionHold, Mode::Offboard, Mode::Return, Mode::Land] {
-        let mut rig = hovering_for(Failsafe::NoPosition);
-        rig.wind_m_s = [2.0, 0.0];
-        rig.fly(4.0);
-        rig.pilot.mode = mode;
-        rig.fly(0.5);
-        (rig.health.position, rig.health.velocity) = (false, false);
-        rig.watch(5.0, &mut |truth, command| {
-            let want = if mode.comes_down() { Mode::Descend } else { Mode::AltitudeHold };
-            assert_eq!(command.mode, want);
-            assert!(truth.tilt_rad() < 0.3 && truth.altitude_m() > 2.0, "{truth:?}");
-        });
-        rig.health = HEALTHY;
-        rig.fly(6.0);
-        assert_eq!(rig.mode(), mode);
-        assert!(speed_m_s(&rig.truth()) < 6.0 && rig.truth().tilt_rad() < 0.4);
-    }
-}
-
-#[test]
-fn without_a_link_and_without_velocity_it_descends_level() {
-    let mut rig = hovering_for(Failsafe::LinkLost);
-    (rig.link, rig.health.position, rig.health.velocity) = (false, false, false);
-    rig.fly(1.0);
-    assert_eq!((rig.mode(), rig.command().aim), (Mode::Descend, Mode::Return));
-    lands(&mut rig, 60.0);
-}
-
 #[test]
 fn a_weak_rotor_is_flown_through_by_hand_too() {
     for mode in [Mode::Rate, Mode::Angle, Mode::AltitudeHold, Mode::PositionHold] {
-        let mut rig = Rig::hovering(mode, &HIGH);
+        let mut rig = Rig::hovering(mode, &Rig::HIGH);
         rig.shares[1] = 0.6;
         let before = rig.truth();
         let mut tilt_rad: f64 = 0.0;
@@ -404,16 +233,6 @@ fn a_weak_rotor_is_flown_through_by_hand_too() {
         assert!(tilt_rad < 0.25, "{mode}: {tilt_rad} rad");
         assert!(mode.throttle_is_thrust() || sunk_m.abs() < 0.1, "{mode}: {sunk_m} m");
     }
-}
-
-#[test]
-fn a_rotor_lost_in_altitude_hold_is_landed_level_without_a_position() {
-    let mut rig = Rig::hovering(Mode::AltitudeHold, &HIGH);
-    rig.health.position = false;
-    rig.health.velocity = false;
-    rig.shares[0] = 0.0;
-    rig.until(3.0, |_, command| command.mode == Mode::Descend);
-    lands(&mut rig, 60.0);
 }
 
 #[test]
@@ -438,101 +257,4 @@ fn the_bench_turns_rotors_and_finds_their_order() {
     rig.fly(0.1);
     assert!(rig.command().armed);
     assert!(!rig.autopilot.begin_wiring_check(&mut rig.state), "not while armed");
-}
-
-#[test]
-fn gentle_sticks_and_the_link_failing_in_them_change_no_attitude_for_long() {
-    let mut rig = Rig::hovering(Mode::Angle, &HIGH);
-    rig.pilot.sticks = GENTLE;
-    rig.fly(1.0);
-    rig.link = false;
-    rig.fly(1.0);
-    assert_eq!(rig.mode(), Mode::Return);
-    rig.fly(3.0);
-    assert!(rig.truth().tilt_rad() < 0.3);
-}
-
-/// Steps that begin on the ground, take off, and end in garbage.
-const BATCH: u64 = 2000;
-
-/// What a random step is made of, spoilt once in `n` a value.
-fn random_step(garbage: &mut Garbage, autopilot: &Autopilot, state: &mut AutopilotState, tick: u64, n: u64) -> Command {
-    let now_us = 1_000_000 + 2000 * tick;
-    let mut stamp = |garbage: &mut Garbage| if garbage.once_in(n) { garbage.bits() } else { now_us };
-    let hover = Input::hovering();
-    let mut healthy = |garbage: &mut Garbage| !garbage.once_in(20 * n);
-    let estimate = Estimate {
-        time_us: stamp(garbage),
-        position_m: garbage.spoil_vector(Vec3::new(0.0, 0.0, -1.0), n),
-        velocity_m_s: garbage.spoil_vector(hover.velocity_m_s, n),
-        attitude: garbage.spoil_attitude(&hover.attitude, n),
-        rate_rad_s: garbage.spoil_vector(hover.rate_rad_s, n),
-        specific_force_m_s2: garbage.spoil_vector(hover.specific_force_m_s2, n),
-        gyro_bias_rad_s: Vec3::zero(),
-        accelerometer_bias_m_s2: Vec3::zero(),
-        sigma: Sigma::default(),
-        health: Health {
-            rates: healthy(garbage),
-            tilt: healthy(garbage),
-            heading: healthy(garbage),
-            altitude: healthy(garbage),
-            velocity: healthy(garbage),
-            position: healthy(garbage),
-        },
-    };
-    let (batch, phase) = (tick / BATCH, tick % BATCH);
-    let mode = if phase < BATCH / 2 { Mode::TakeOff } else { Mode::ALL[(batch % 10) as usize] };
-    let sticks = Sticks {
-        right: garbage.spoil(0.1, n),
-        forward: garbage.spoil(0.5, n),
-        clockwise: garbage.spoil(-0.2, n),
-        throttle: garbage.spoil(0.6, n),
-    };
-    let pilot = Stamped { time_us: stamp(garbage), value: PilotInput { sticks, arm: phase > BATCH * 3 / 10, mode } };
-    let offboard = Stamped {
-        time_us: stamp(garbage),
-        value: Setpoint { position_m: garbage.spoil_vector(Vec3::new(1.0, 0.0, -2.0), n), ..hover.setpoint },
-    };
-    let battery_v = Some(garbage.spoil(16.0, n));
-    let system = System { battery_v, late: garbage.once_in(n), ..System::GOOD };
-    let step = Step {
-        now_us: stamp(garbage),
-        dt_s: garbage.spoil(0.002, n),
-        estimate: &estimate,
-        pilot: (!garbage.once_in(n)).then_some(&pilot),
-        offboard: (!garbage.once_in(n)).then_some(&offboard),
-        system: &system,
-    };
-    autopilot.step(state, &step)
-}
-
-#[test]
-fn a_million_random_samples_leave_motors_within_0_and_1_and_the_state_finite() {
-    let mut parameters = Parameters::default();
-    parameters.set("BAT_CELLS", 4.0).expect("in its range");
-    let config = Config::tolerant(Airframe::paper(2.2));
-    let autopilot = Autopilot::try_new(&config, &parameters).expect("shipped gains");
-    let (mut garbage, mut state) = (Garbage(7), autopilot.state());
-    let (mut seen, mut armed, mut rejected, mut failsafes) = (Vec::new(), 0, 0, Set::<Failsafe>::EMPTY);
-    for tick in 0..2_400_000 {
-        // The first half of a batch is good, so that it takes off; then one value in 10, 100 or 1000 is not.
-        let (batch, phase) = (tick / BATCH, tick % BATCH);
-        let n = if phase < BATCH / 2 { u64::MAX } else { [10, 100, 1000][(batch % 3) as usize] };
-        let command = random_step(&mut garbage, &autopilot, &mut state, tick, n);
-        assert!(command.motors.iter().all(|motor| (0.0..=1.0).contains(motor)), "tick {tick}: {command:?}");
-        assert!(command.armed || command.motors == [0.0; 4], "tick {tick}: {command:?}");
-        let flown = command.armed && phase >= BATCH / 2;
-        (armed, rejected) = (armed + u32::from(flown), rejected + u32::from(command.rejected));
-        command.failsafes.iter().for_each(|failsafe| failsafes.put(failsafe, true));
-        if !seen.contains(&command.mode) {
-            seen.push(command.mode);
-        }
-        if phase == BATCH - 1 {
-            let text = format!("{state:?}").replace("information", "");
-            assert!(!text.contains("NaN") && !text.contains("inf"), "tick {tick}: {text}");
-        }
-    }
-    assert!(armed > 50_000 && rejected > 1000, "garbage was flown on: {armed} steps, {rejected} rejected");
-    assert!(seen.len() >= 9, "{seen:?}");
-    assert!(failsafes.iter().count() >= 8, "{failsafes}");
 }

@@ -70,7 +70,7 @@ impl AutopilotState {
             switch: pilot.arm,
             switch_rose: pilot.arm_rose,
             ready: failing.is_empty(),
-            terminate: failsafes.iter().any(|failsafe| failsafe.row().reaction == Reaction::Terminate),
+            terminate: failsafes.first().is_some_and(|worst| worst.row().reaction == Reaction::Terminate),
             down: self.landed && self.aim.comes_down(),
         });
         if was == Arming::Disarmed && self.arming == Arming::Armed {
@@ -90,7 +90,7 @@ impl AutopilotState {
         let (aim, reason) = self.aim.next(&modes::Facts {
             armed,
             chosen: (just_armed || pilot.mode_moved).then_some(pilot.mode).filter(|mode| *mode != Mode::Disarmed),
-            failsafe: failsafes.iter().next(),
+            failsafe: failsafes.first(),
             arrived: self.guide.arrived(),
         });
         self.aim = aim;
@@ -284,7 +284,7 @@ impl Autopilot {
 
     /// Whether the machine stands on its feet, by what it wants and feels.
     fn touch(&self, state: &mut AutopilotState, mode: Mode, scene: &Scene) -> bool {
-        let shares = self.controller.telemetry(&state.controller).rotors.map_or([1.0; 4], |rotors| rotors.shares);
+        let shares = state.controller.shares();
         let made_n: f32 = state.thrust_n.iter().zip(shares).map(|(n, share)| n * share).sum();
         let thrust_low = scene.pilot.sticks.throttle <= arming::THROTTLE_LOW;
         let lift = match mode {

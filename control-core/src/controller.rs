@@ -91,7 +91,6 @@ impl<S: Scalar> Coupling<S> {
 }
 
 /// What is wrong, before anything is done about it.
-#[derive(Clone, Copy)]
 struct Errors<S> {
     position_m: Vec3<Ned, S>,
     velocity_m_s: Vec3<Ned, S>,
@@ -229,15 +228,15 @@ impl<S: Scalar> Controller<S> {
     /// A vector of flights is held as one: whoever batches them takes a flight that is lost out of the batch.
     pub fn tick<'a>(&self, state: &'a mut State<S>, input: &Input<S>) -> &'a Output<S> {
         let angles = Angles::of(&input.attitude);
-        let errors = Errors::of(input, &angles);
+        let mut errors = Errors::of(input, &angles);
         state.output.rejected = !errors.are_plausible(input).all();
         if !state.output.rejected {
-            self.advance(state, input, &angles, &errors);
+            self.advance(state, input, &angles, &mut errors);
         }
         &state.output
     }
 
-    fn advance(&self, state: &mut State<S>, input: &Input<S>, angles: &Angles<S>, errors: &Errors<S>) {
+    fn advance(&self, state: &mut State<S>, input: &Input<S>, angles: &Angles<S>, errors: &mut Errors<S>) {
         let dt_s = input.dt_s.clamp(self.dt_s_range.0, self.dt_s_range.1);
         if let Some(rotors) = &self.rotors {
             self.advance_watching(rotors, state, input, angles, errors, dt_s);
@@ -253,6 +252,11 @@ impl<S: Scalar> State<S> {
     /// The rotor without which the machine spins, 0 to 3, if it does.
     pub(crate) fn flies_without(&self) -> Option<usize> {
         self.rotors.spinning.map(|spinning| spinning.rotor)
+    }
+
+    /// Share of its thrust that each rotor is believed to make.
+    pub(crate) fn shares(&self) -> [S; 4] {
+        self.rotors.shares
     }
 
     fn take(&mut self, allocation: Allocation<S>) {

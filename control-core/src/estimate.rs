@@ -43,7 +43,8 @@ pub struct Sigma {
     pub altitude_m: f32,
 }
 
-/// What of an estimate may be flown on. Each needs the ones above it, and a source that is alive.
+/// What of an estimate may be flown on. Each needs a source that is alive, and the ones above it; altitude does without heading, and the
+/// two horizontal ones without altitude.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[expect(clippy::struct_excessive_bools, reason = "six independent facts, each read by name")]
 pub struct Health {

@@ -15,13 +15,13 @@
 //! Invariants: no input makes it panic or put out a number that is not finite; a sample that cannot be true changes nothing but its
 //! source's telemetry; the estimate of a step depends on nothing but the steps before.
 //!
-//! Elsewhere: `strapdown.rs` dead reckoning, `covariance.rs` the matrix, `history.rs` delays, `observe.rs` the models, `fusing.rs` what is done
+//! Elsewhere: `phases.rs` from rest to the filter to fixed gains and back, `strapdown.rs` dead reckoning, `covariance.rs` the matrix, `history.rs` delays, `observe.rs` the models, `fusing.rs` what is done
 //! with each source, `sources.rs` what is let in, `gyro.rs` the filters of the rates. docs/estimation.md has the equations and figures.
 use crate::estimate::{Estimate, Health, Sigma};
 use crate::frames::{Attitude, Body, Vec3};
 use crate::measurement::{Imu, Measurements, Stamped};
 use crate::{GRAVITY_M_S2, Scalar};
-use alignment::{Alignment, Rest};
+use alignment::Alignment;
 use filter::{Filter, Start, UNKNOWN_M, UNKNOWN_M_S};
 use gyro::{GyroChain, GyroState};
 use quaternion::Quaternion;
@@ -39,6 +39,7 @@ mod gyro;
 mod health;
 mod history;
 mod observe;
+mod phases;
 mod quaternion;
 mod sources;
 mod strapdown;
@@ -86,11 +87,10 @@ const EARLY_US: u64 = 250;
 /// A gap between inertial samples that is bridged with the last rates; and in pieces of what length, s.
 const GAP_S_MAX: f32 = 0.5;
 const PIECE_S: f32 = 0.02;
-/// Fixed gains have the attitude again after this long, s.
-const RECOVERY_S: f32 = 3.0;
 
 /// When each quantity was last observed, µs.
 #[derive(Clone, Copy, Debug, Default)]
+#[expect(clippy::struct_field_names, reason = "the unit")]
 struct Aided {
     velocity_us: u64,
     position_us: u64,
@@ -102,6 +102,7 @@ struct Aided {
 
 /// Everything that changes in flight.
 #[derive(Clone, Copy, Debug)]
+#[expect(clippy::struct_excessive_bools, reason = "independent facts, each read by name")]
 pub struct EstimatorState {
     phase: Phase,
     filter: Filter,
@@ -154,6 +155,8 @@ pub struct Estimator {
     /// Its part down over its horizontal part.
     steep: f32,
     earth_ut: f32,
+    /// What iron may turn the heading by.
+    iron_rad: f32,
 }
 
 impl Estimator {
@@ -171,6 +174,7 @@ impl Estimator {
             earth: [field.x / horizontal, field.y / horizontal],
             steep: field.z / horizontal,
             earth_ut: Scalar::sqrt(field.norm_squared()),
+            iron_rad: config.aiding.magnetic_bias_ut / horizontal,
         })
     }
 
@@ -276,11 +280,11 @@ impl Estimator {
     /// - Returns the estimate, which lives in the state until the next step.
     pub fn step<'a>(&self, state: &'a mut EstimatorState, measurements: &Measurements, now_us: u64) -> &'a Estimate {
         self.admit(state, measurements, now_us);
-        if let Some(imu) = self.admit_inertial(state, measurements, now_us) {
-            let dt_s = state.lasted_s(&imu, &self.config);
+        if let Some(imu) = state.admit_inertial(measurements, now_us) {
+            let dt_s = state.lasted_s(imu, &self.config);
             match state.phase {
-                Phase::Aligning => self.align(state, &imu, dt_s, now_us),
-                Phase::Running | Phase::FallenBack => self.reckon(state, &imu, dt_s, now_us),
+                Phase::Aligning => self.align(state, imu, dt_s, now_us),
+                Phase::Running | Phase::FallenBack => self.reckon(state, imu, dt_s, now_us),
             }
             state.time_us = imu.time_us;
         }
@@ -313,7 +317,7 @@ impl Estimator {
                     state.filter.predict(&self.config, &span, rate_rad_s, state.gap_s);
                     self.fuse_pending(state, imu.time_us);
                 }
-                _ => self.follow(state, imu.time_us, span.span_s),
+                _ => self.follow(state, imu.time_us, span.length_s),
             }
             state.gap_s = 0.0;
             if !state.filter.is_sound() {
@@ -323,100 +327,6 @@ impl Estimator {
         }
         let filtered_rad_s = self.chain.step(&mut state.gyro, rate_rad_s, now_us);
         state.fill_fast(imu.time_us, force_m_s2, filtered_rad_s);
-    }
-
-    /// Waits for rest; starts the filter.
-    fn align(&self, state: &mut EstimatorState, imu: &Stamped<Imu>, dt_s: f32, now_us: u64) {
-        let rate_rad_s = self.chain.step(&mut state.gyro, imu.value.rate_rad_s, now_us);
-        state.fill_fast(imu.time_us, imu.value.specific_force_m_s2, rate_rad_s);
-        let Some(rest) = state.alignment.add(&imu.value, dt_s.min(PIECE_S)) else { return };
-        let Some((rotation, heading_rad)) = self.found(state, &rest) else { return };
-        if rest.still {
-            let start = Start {
-                tilt_rad: 0.005,
-                heading_rad,
-                velocity_m_s: 0.05,
-                position_m: 0.1,
-                gyro_bias_rad_s: self.config.inertial.gyro_bias_rad_s,
-                levelled_by_accelerometer: true,
-            };
-            state.filter = Filter::new(&self.config, Nominal::at_rest(rotation, rest.rate_rad_s), &start);
-            state.phase = Phase::Running;
-        } else if rest.impatient {
-            state.filter = Filter::new(&self.config, Nominal::at_rest(rotation, Vec3::zero()), &self.thrown());
-            state.phase = Phase::FallenBack;
-            state.fallen_s = 0.0;
-        }
-        state.aided = Aided { heading_us: imu.time_us, ..Aided::default() };
-        state.stepped_us = imu.time_us;
-        state.filter.history.push(imu.time_us, &state.filter.nominal);
-    }
-
-    /// The attitude that a window shows, and how well its heading is known, rad; `None` while something better may come.
-    fn found(&self, state: &EstimatorState, rest: &Rest) -> Option<(Quaternion, f32)> {
-        let force = rest.force_m_s2;
-        if let Some(vision) = &state.pending.vision {
-            let sigma_rad = vision.value.attitude_sigma_rad.max(0.01);
-            return alignment::attitude_as_seen(force, &vision.value.attitude).map(|q| (q, sigma_rad));
-        }
-        if let Some(field) = &state.pending.magnetic_ut {
-            return alignment::attitude(force, field.value, self.earth).map(|q| (q, 0.1));
-        }
-        let any = || alignment::attitude(force, Vec3::new(1.0, 0.0, 0.0), [1.0, 0.0]);
-        rest.impatient.then(any).flatten().map(|q| (q, 1.0))
-    }
-
-    /// A step with fixed gains; tries the filter again when they have had time.
-    fn follow(&self, state: &mut EstimatorState, time_us: u64, span_s: f32) {
-        complementary::follow_gravity(&mut state.filter, span_s);
-        let pending = core::mem::take(&mut state.pending);
-        let mut since_s = |source: Source, sample_us: u64| {
-            let watch = &mut state.watches[source as usize];
-            let since_us = sample_us.saturating_sub(watch.status.taken_us);
-            watch.take(sample_us);
-            since_us as f32 * 1e-6
-        };
-        if let Some(field) = pending.magnetic_ut {
-            let since_s = since_s(Source::Magnetometer, field.time_us);
-            let measured = state.filter.attitude.to_ned(field.value);
-            complementary::follow_field(&mut state.filter, measured, self.earth, since_s);
-            state.aided.heading_us = time_us;
-        }
-        let second = pending.baro_second_altitude_m.map(|altitude| (Source::BarometerSecond, altitude));
-        let first = pending.baro_altitude_m.map(|altitude| (Source::Barometer, altitude));
-        if let Some((source, altitude)) = first.or(second) {
-            let since_s = since_s(source, altitude.time_us);
-            if state.barometer_heard.replace(source) != Some(source) {
-                state.filter.barometer_offset_m = altitude.value + state.filter.nominal.position_m.z;
-            }
-            complementary::follow_barometer(&mut state.filter, altitude.value, since_s);
-            state.aided.altitude_us = time_us;
-        }
-        state.fallen_s += span_s;
-        if state.fallen_s > RECOVERY_S {
-            let (nominal, offset_m) = (state.filter.nominal, state.filter.barometer_offset_m);
-            state.filter = Filter::new(&self.config, nominal, &self.thrown());
-            state.filter.barometer_offset_m = offset_m;
-            state.filter.history.push(time_us, &state.filter.nominal);
-            state.phase = Phase::Running;
-            self.fuse_pending(state, time_us);
-        }
-    }
-
-    /// Gives the filter up for fixed gains, from the last estimate that was sound.
-    fn fall_back(&self, state: &mut EstimatorState) {
-        let last = &state.estimate;
-        let mut nominal = Nominal::at_rest(Quaternion::of(&last.attitude), last.gyro_bias_rad_s);
-        (nominal.velocity_m_s, nominal.position_m) = (last.velocity_m_s, last.position_m);
-        let offset_m = state.filter.barometer_offset_m;
-        state.filter = Filter::new(&self.config, nominal, &self.thrown());
-        if offset_m.abs() < 1e4 {
-            state.filter.barometer_offset_m = offset_m;
-        }
-        state.phase = Phase::FallenBack;
-        (state.placed, state.levelled) = (false, false);
-        state.fallen_s = 0.0;
-        state.fallbacks = state.fallbacks.saturating_add(1);
     }
 }
 

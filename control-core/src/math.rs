@@ -10,6 +10,7 @@
 //! | [`atan2`]          | unit circle | 1.2e-4 rad        | 46 | micromath, 44: its 2.8e-3 rad would be a heading bias |
 //! | [`asin_and_cos`]   | ±0.95       | 4e-5 rad, 1.3e-4  | 34 | micromath, 29 without the cosine: off by 0.018 rad; libm, 682 |
 //! | [`Scalar::sqrt`]   | ≥ 0         | correctly rounded | 58 | micromath, 16: 6 % off; no tick calls it |
+//! | [`cos_half_turn`]  | 0 to π      | 6e-6              | not counted | [`cos`], 1.2e-3: a notch has to meet its rotor |
 //! | [`sin`], [`cos`]   | ±1e3 rad    | 1.2e-3            | 33 | libm, 1391; no law calls these, only synthetic motion |
 use crate::Scalar;
 use core::f32::consts::{FRAC_PI_2, PI};

@@ -43,6 +43,11 @@ impl<T: Member> Set<T> {
         self.bits
     }
 
+    /// The first that is in it.
+    pub fn first(&self) -> Option<T> {
+        T::ALL.get(self.bits.trailing_zeros() as usize).copied()
+    }
+
     /// What is in it, in order.
     pub fn iter(&self) -> impl Iterator<Item = T> + use<T> {
         let set = *self;
@@ -88,6 +93,7 @@ mod tests {
         assert_eq!(set.to_string(), "the pilot is not heard; the battery is low, or not measured");
         set.put(Check::Link, false);
         assert!(!set.contains(Check::Link) && set.contains(Check::Battery) && !set.is_empty());
+        assert_eq!((set.first(), Set::<Check>::EMPTY.first()), (Some(Check::Battery), None));
         assert_eq!(set.bits().count_ones(), 1);
         assert_eq!(Set::<Check>::EMPTY.to_string(), "");
     }

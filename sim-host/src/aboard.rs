@@ -1,19 +1,30 @@
 //! What is aboard: the sensors of a scenario and the estimator that makes a motion of them.
 //!
 //! A flight begins in a hover, and an estimator at rest: for [`HELD_S`] before the flight the machine is held where it will begin,
-//! its rotors turning, while the sensors are read. The board's clock began then.
+//! its rotors still for [`STILL_S`] and then turning, while the sensors are read. The board's clock began then.
 use crate::fault::sensors::SensorFault;
 use crate::sensors::{Carrier, SensorKeys, SensorSuite, World};
 use control_core::estimate::Estimate;
 use control_core::estimation::{
-    Estimator, EstimatorConfig, EstimatorConfigError, EstimatorState, EstimatorTelemetry, GyroConfig,
+    Estimator, EstimatorConfig, EstimatorConfigError, EstimatorState, EstimatorTelemetry, GyroConfig, STATES,
 };
 use control_core::frames::{Ned, Vec3};
 use control_core::measurement::Measurements;
 use control_core::{Input, Setpoint};
+use nalgebra::Vector3;
+
+mod account;
+mod apart;
+mod consistency;
+
+pub use account::{Account, Lost, QUANTITIES, Quantity, Verdict};
+pub use apart::Apart;
+pub use consistency::{Consistency, band, consistency};
 
 /// How long the machine is held before a flight, s: the estimator finds rest, then the biases settle.
 pub const HELD_S: f64 = 6.0;
+/// How long of that no rotor turns, s: their vibration is not rest.
+const STILL_S: f64 = 2.0;
 
 /// Sensors and estimator of one flight.
 pub struct Aboard {
@@ -75,7 +86,9 @@ impl Aboard {
     /// Reads the sensors while the machine is held, until the flight begins.
     pub fn hold(&mut self, still: &World) {
         for tick in 0..(self.began_s / self.dt_s).round() as usize {
-            self.step(&World { t_s: tick as f64 * self.dt_s - self.began_s, ..*still });
+            let t_s = tick as f64 * self.dt_s;
+            let rotor_n = if t_s < STILL_S { &[0.0; 4] } else { still.rotor_n };
+            self.step(&World { t_s: t_s - self.began_s, rotor_n, ..*still });
         }
         if !self.placed {
             let [north, east, down] = still.truth.position_m.map(|x| x as f32).into();
@@ -115,6 +128,16 @@ impl Aboard {
     /// How the estimator and its sources are, at `t_s` of the flight.
     pub fn telemetry(&self, t_s: f64) -> EstimatorTelemetry {
         self.estimator.telemetry(&self.state, self.clock_us(t_s))
+    }
+
+    /// Covariance of the estimate's errors, in the order of [`EstimatorState::covariance`].
+    pub fn covariance(&self) -> &[[f32; STATES]; STATES] {
+        self.state.covariance()
+    }
+
+    /// What the estimator should find as biases of the first inertial unit: see [`SensorSuite::inertial_errors`].
+    pub fn true_biases(&self) -> Option<[Vector3<f64>; 2]> {
+        self.suite.inertial_errors()
     }
 
     /// The controller's sample made of the estimate.

@@ -1,4 +1,5 @@
 //! The command line.
+use crate::chronicle::{Chronicle, Happening};
 use crate::controllers::ControllerName;
 use crate::figures::{FIGURES, Trace, limits::Outcome, png, svg};
 use crate::flight::{Flight, NumberFormat, Sample};
@@ -17,6 +18,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 mod detect;
+mod estimate;
 mod limits;
 mod params;
 mod sensors;
@@ -44,6 +46,8 @@ enum Command {
     Limits(limits::LimitsArgs),
     /// Fly once, and print how wrong each sensor was beside the truth.
     Sensors(sensors::SensorsArgs),
+    /// Fly on the sensors, and print how wrong the estimate was beside the truth, and whether it knew.
+    Estimate(estimate::EstimateArgs),
     /// Print the parameters of the flight logic: names, ranges, values.
     Params(params::ParamsArgs),
     /// Print the JSON Schema of a scenario.
@@ -57,7 +61,7 @@ struct FlyArgs {
     #[command(flatten)]
     with: With,
     /// Who flies.
-    #[arg(long, value_enum, default_value_t = ControllerName::Lgs)]
+    #[arg(long, value_enum, default_value_t = ControllerName::Default)]
     controller: ControllerName,
     /// Seed of noise and wind; the scenario's if left out.
     #[arg(long)]
@@ -136,6 +140,7 @@ pub fn run() -> ExitCode {
         Command::Suite(args) => suite::suite(args),
         Command::Limits(args) => limits::limits(args),
         Command::Sensors(args) => sensors::sensors(args),
+        Command::Estimate(args) => estimate::estimate(args),
         Command::Params(args) => params::params(args),
         Command::Schema => schema(),
     };
@@ -212,6 +217,7 @@ fn draw(files: &mut Files, traces: &[Trace], scenario: &Scenario) -> Result<Vec<
     let windows_s = scenario.fault_windows_s();
     let drawn: Result<Vec<_>, Box<dyn Error + Send + Sync>> = FIGURES
         .par_iter()
+        .filter(|figure| traces.iter().any(|trace| figure.is_of(trace.log)))
         .map(|figure| {
             let svg = svg(figure, traces, &windows_s).map_err(|error| error.to_string())?;
             let png = png(&svg).map_err(|error| error.to_string())?;
@@ -250,8 +256,10 @@ fn fly(args: &FlyArgs) -> Result<(), Failure> {
             Failure::bad_input(format!("--ticks {}: only lgs and default are known to the board", path.display()))
         })?),
     };
+    let mut chronicle = Chronicle::default();
     let flown = fly_measured(&flight, &mut |sample| {
         log.note(sample);
+        chronicle.step(sample);
         if let Some(ticks) = &mut ticks {
             ticks.note(sample);
         }
@@ -265,6 +273,9 @@ fn fly(args: &FlyArgs) -> Result<(), Failure> {
         std::fs::File::create(path).and_then(|file| ticks.write(file)).map_err(Failure::writing(path))?;
     }
     files.write(&folder).map_err(Failure::writing(&folder))?;
+    for Happening { t_s, what } in chronicle.happenings() {
+        say(&format!("{t_s:9.3} s  {what}\n"))?;
+    }
     say(&format!("{}log.csv and the figures are in {}\n", summary(&flown), folder.display()))
 }
 

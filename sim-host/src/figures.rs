@@ -118,7 +118,10 @@ fn draw_panel(
     };
     let curves: Vec<Curve> =
         traces.iter().map(|trace| (trace.controller, points(trace.log, (panel.of)(trace.log)))).collect();
-    let range = vertical_range(scaling(panel, &curves));
+    let reference = panel.reference.zip(traces.first()).map(|(name, trace)| points(trace.log, trace.log.column(name)));
+    let mut values = scaling(panel, &curves);
+    values.extend(reference.iter().flatten().map(|point| point.1));
+    let range = vertical_range(values);
 
     let mut chart = ChartBuilder::on(area)
         .caption(panel.title, ("sans-serif", 18))
@@ -140,8 +143,7 @@ fn draw_panel(
         .y_label_formatter(&plain)
         .label_style(("sans-serif", 13))
         .draw()?;
-    if let (Some(name), Some(trace)) = (panel.reference, traces.first()) {
-        let reference = points(trace.log, trace.log.column(name));
+    if let Some(reference) = reference {
         chart.draw_series(DashedLineSeries::new(reference, 6, 4, BLACK.mix(0.6).into()))?;
     }
     for (controller, points) in &curves {

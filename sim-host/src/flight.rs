@@ -8,9 +8,11 @@ use crate::preflight;
 use crate::reference::Target;
 use crate::scenario::Scenario;
 use crate::sensors::{Carrier, Sensors, World};
+use crate::sortie::Decision;
 use crate::vehicle::Vehicle;
 use crate::wind::{Gust, Gusts};
 use control_core::estimate::Estimate;
+use control_core::estimation::EstimatorTelemetry;
 use control_core::measurement::Measurements;
 use control_core::{Config, ConfigError, Controller, Input, Output, Q16, Scalar, Telemetry, WiringFault};
 use rand::SeedableRng;
@@ -62,6 +64,12 @@ pub struct Sample<'a> {
     pub clock_s: f64,
     /// What is believed of the motion, if the scenario names sensors.
     pub estimate: Option<&'a Estimate>,
+    /// What made it.
+    pub aboard: Option<&'a Aboard>,
+    /// How the estimator and its sources are, if there are any.
+    pub estimator: Option<&'a EstimatorTelemetry>,
+    /// What the autopilot decided, if it flies.
+    pub decision: Option<&'a Decision<'a>>,
     /// What it answers.
     pub output: &'a Output,
     /// What its answer asks of the body: u1 in N, u2 to u4 in N m.
@@ -236,6 +244,9 @@ impl Flight<'_> {
         {
             return Ok(Some(Ending::Refused(Refusal { fault })));
         }
+        if let Some(keys) = &self.scenario.autopilot {
+            return self.fly_sortie(keys, config, observe);
+        }
         match self.format {
             NumberFormat::F32 => self.fly_in::<f32>(config, observe),
             NumberFormat::F64 => self.fly_in::<f64>(config, observe),
@@ -301,6 +312,9 @@ impl Flight<'_> {
                 measurements: aboard.as_ref().map_or(&nothing, Aboard::measurements),
                 clock_s: aboard.as_ref().map_or(t_s, |aboard| aboard.clock_us(t_s) as f64 * 1e-6),
                 estimate: aboard.as_ref().map(Aboard::estimate),
+                aboard: aboard.as_ref(),
+                estimator: aboard.as_ref().map(|aboard| aboard.telemetry(t_s)).as_ref(),
+                decision: None,
                 output: &output,
                 telemetry: &telemetry,
                 effectiveness: &effectiveness,
@@ -317,7 +331,13 @@ impl Flight<'_> {
     }
 
     /// Sensors and estimator, if the scenario names any. Those that are flown have seen the start for a while.
-    fn aboard(&self, vehicle: &Vehicle, ground: Ground, start: &Truth, actuators: &Actuators) -> Option<Aboard> {
+    pub(crate) fn aboard(
+        &self,
+        vehicle: &Vehicle,
+        ground: Ground,
+        start: &Truth,
+        actuators: &Actuators,
+    ) -> Option<Aboard> {
         let Self { scenario, seed, .. } = *self;
         let keys = scenario.sensors.as_ref()?;
         let carrier =

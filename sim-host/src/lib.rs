@@ -4,6 +4,7 @@
 //! [`control_core::Controller::tick`], as the board does. Here alone random numbers are drawn.
 pub mod aboard;
 pub mod actuators;
+pub mod chronicle;
 pub mod cli;
 pub mod controllers;
 pub mod detection;
@@ -21,5 +22,6 @@ pub mod reference;
 pub mod report;
 pub mod scenario;
 pub mod sensors;
+pub mod sortie;
 pub mod vehicle;
 pub mod wind;

@@ -2,8 +2,10 @@
 //!
 //! CSV opens in PlotJuggler, pandas and any spreadsheet; numbers are the shortest decimals that give the f64 back,
 //! so equal flights have equal bytes.
+use crate::aboard::{Aboard, Apart};
 use crate::controllers::ControllerName;
 use crate::flight::Sample;
+use control_core::estimate::{Estimate, Health};
 use control_core::{Alarm, Input};
 use std::io::Write;
 
@@ -102,21 +104,63 @@ const REFUSED: [Column; 8] = [
     ("sample_rejected", |x| f64::from(x.output.rejected)),
 ];
 
-/// Every column, in order.
-fn columns() -> impl Iterator<Item = &'static Column> {
-    MOTION.iter().chain(&ROTORS).chain(&X).chain(&Y).chain(&Z).chain(&PSI).chain(&BELIEF).chain(&REFUSED)
+/// What the estimator believed and how wrong that was; of a flight on sensors only.
+const ESTIMATE: [Column; 16] = [
+    ("estimate_north_m", |x| estimate(x, |e, _| e.position_m.x.into())),
+    ("estimate_east_m", |x| estimate(x, |e, _| e.position_m.y.into())),
+    ("estimate_altitude_m", |x| estimate(x, |e, _| (-e.position_m.z).into())),
+    ("estimate_tilt_error_rad", |x| estimate(x, |_, apart| apart.tilt_rad())),
+    ("estimate_tilt_sigma_rad", |x| estimate(x, |e, _| e.sigma.tilt_rad.into())),
+    ("estimate_heading_error_rad", |x| estimate(x, |_, apart| apart.heading_rad())),
+    ("estimate_heading_sigma_rad", |x| estimate(x, |e, _| e.sigma.heading_rad.into())),
+    ("estimate_horizontal_error_m_s", |x| estimate(x, |_, apart| apart.velocity_m_s.xy().norm())),
+    ("estimate_horizontal_sigma_m_s", |x| estimate(x, |e, _| e.sigma.horizontal_m_s.into())),
+    ("estimate_vertical_error_m_s", |x| estimate(x, |_, apart| -apart.velocity_m_s.z)),
+    ("estimate_vertical_sigma_m_s", |x| estimate(x, |e, _| e.sigma.vertical_m_s.into())),
+    ("estimate_horizontal_error_m", |x| estimate(x, |_, apart| apart.position_m.xy().norm())),
+    ("estimate_horizontal_sigma_m", |x| estimate(x, |e, _| e.sigma.horizontal_m.into())),
+    ("estimate_altitude_error_m", |x| estimate(x, |_, apart| -apart.position_m.z)),
+    ("estimate_altitude_sigma_m", |x| estimate(x, |e, _| e.sigma.altitude_m.into())),
+    // How many of the facts of its health hold, each needing the ones before, but for altitude.
+    ("estimate_health", |x| {
+        estimate(x, |e, _| {
+            let Health { rates, tilt, heading, altitude, velocity, position } = e.health;
+            [rates, tilt, heading, altitude, velocity, position].into_iter().filter(|&holds| holds).count() as f64
+        })
+    }),
+];
+
+fn estimate(sample: &Sample, of: impl Fn(&Estimate, &Apart) -> f64) -> f64 {
+    sample.estimate.map_or(f64::NAN, |estimate| of(estimate, &Apart::of(sample.truth, estimate)))
+}
+
+/// Every column, in order; of flights on sensors with what was estimated.
+fn columns(estimated: bool) -> impl Iterator<Item = &'static Column> {
+    let estimate = if estimated { &ESTIMATE[..] } else { &[] };
+    MOTION
+        .iter()
+        .chain(&ROTORS)
+        .chain(&X)
+        .chain(&Y)
+        .chain(&Z)
+        .chain(&PSI)
+        .chain(&BELIEF)
+        .chain(&REFUSED)
+        .chain(estimate)
 }
 
 /// The log of one flight.
 pub struct Log {
     every: usize,
+    /// Whether the flight is flown on sensors.
+    estimated: bool,
     rows: Vec<Vec<f64>>,
 }
 
 impl Log {
     /// An empty log of every `every`-th tick.
     pub fn new(every: usize) -> Self {
-        Self { every: every.max(1), rows: Vec::new() }
+        Self { every: every.max(1), estimated: false, rows: Vec::new() }
     }
 
     /// An empty log of about `log_hz` rows a second, at most one a tick.
@@ -127,13 +171,14 @@ impl Log {
     /// Takes a tick, if it is to be logged.
     pub fn note(&mut self, sample: &Sample) {
         if sample.tick.is_multiple_of(self.every) {
-            self.rows.push(columns().map(|(_, of)| of(sample)).collect());
+            self.estimated = sample.aboard.is_some_and(Aboard::is_flown);
+            self.rows.push(columns(self.estimated).map(|(_, of)| of(sample)).collect());
         }
     }
 
     /// The values of a column; empty if there is none of that name.
     pub fn column(&self, name: &str) -> Vec<f64> {
-        columns()
+        columns(self.estimated)
             .position(|(column, _)| *column == name)
             .map(|i| self.rows.iter().map(|row| row[i]).collect())
             .unwrap_or_default()
@@ -142,7 +187,7 @@ impl Log {
     /// The log as CSV, a header line first.
     pub fn to_csv(&self) -> std::io::Result<Vec<u8>> {
         let mut writer = csv::Writer::from_writer(Vec::new());
-        writer.write_record(columns().map(|(name, _)| *name))?;
+        writer.write_record(columns(self.estimated).map(|(name, _)| *name))?;
         for row in &self.rows {
             writer.write_record(row.iter().map(ToString::to_string))?;
         }

@@ -15,11 +15,13 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 mod check;
+mod event;
 mod faults;
 mod load;
 mod sensors;
 
 pub use check::THRUST_TO_WEIGHT;
+pub use event::{AutopilotKeys, Event, ModeName};
 pub use load::ScenarioError;
 
 /// One flight, as data. Times in seconds from the start; the flight starts hovering above the origin.
@@ -73,6 +75,12 @@ pub struct Scenario {
     /// Faults of the sensors.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sensor_fault: Vec<SensorFault>,
+    /// The whole flight logic, from the ground: only with this do events mean anything.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub autopilot: Option<AutopilotKeys>,
+    /// What happens to the flight logic from outside, in order of time.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub event: Vec<Event>,
     /// What differs from a controller's own gains, by the name that `compare` knows it by.
     #[serde(default)]
     pub controllers: BTreeMap<ControllerName, ControllerKeys>,

@@ -9,9 +9,12 @@ use std::sync::OnceLock;
 
 #[cfg(feature = "emulated")]
 pub mod aloft;
+#[cfg(feature = "emulated")]
+pub mod aloft;
 pub mod bench;
 #[cfg(feature = "emulated")]
 pub mod emulator;
+pub mod estimation;
 pub mod garbage;
 pub mod motion;
 pub mod rig;

@@ -289,8 +289,8 @@ impl World {
         (phase < self.sample_us).then_some(self.now_us - delay_us)
     }
 
-    fn stamped<T>(&self, time_us: u64, value: T) -> Option<Stamped<T>> {
-        Some(Stamped { time_us: if self.stamped_late { self.now_us } else { time_us }, value })
+    fn stamped<T>(&self, time_us: u64, value: T) -> Stamped<T> {
+        Stamped { time_us: if self.stamped_late { self.now_us } else { time_us }, value }
     }
 
     fn add_slow(&mut self, m: &mut Measurements) {
@@ -308,26 +308,26 @@ impl World {
                 speed_m_s: self.gnss_m_s as f32,
                 fixed: true,
             };
-            m.gnss = self.stamped(time_us, value);
+            m.gnss = Some(self.stamped(time_us, value));
         }
         if let (true, Some(time_us)) = (self.aboard.baro, self.due(20_000, 20_000)) {
             let truth = self.truth_at(time_us);
             let off = self.barometer_offset_m + f64::from(aiding.barometer_m) * self.noise.normal();
-            m.baro_altitude_m = self.stamped(time_us, (off - truth.position_m[2]) as f32);
+            m.baro_altitude_m = Some(self.stamped(time_us, (off - truth.position_m[2]) as f32));
         }
         if let (true, Some(time_us)) = (self.aboard.mag, self.due(10_000, 10_000)) {
             let truth = self.truth_at(time_us);
             let Vec3 { x, y, z, .. } = self.config.earth_field_ut;
             let field = to_body(&truth.rows, [x, y, z].map(f64::from));
             let off = self.noise.normals(f64::from(aiding.magnetic_ut));
-            m.magnetic_ut = self.stamped(time_us, vec3::<Body>(add(field, off)));
+            m.magnetic_ut = Some(self.stamped(time_us, vec3::<Body>(add(field, off))));
         }
         if let (true, Some(time_us)) = (self.aboard.flow, self.due(20_000, 20_000)) {
             let truth = self.truth_at(time_us);
             let range_m = (self.ground_m - truth.position_m[2]) / truth.rows[2][2];
             let sigma_m = f64::from(aiding.range_m) + 0.02 * range_m;
             let off_m = sigma_m * self.noise.normal();
-            m.range_m = self.stamped(time_us, (range_m + off_m) as f32);
+            m.range_m = Some(self.stamped(time_us, (range_m + off_m) as f32));
         }
         if let (true, Some(time_us)) = (self.aboard.flow, self.due(10_000, 20_000)) {
             let truth = self.truth_at(time_us);
@@ -336,7 +336,7 @@ impl World {
             let [p, q, _] = truth.rate_rad_s;
             let mut off = || f64::from(aiding.flow_rad_s) * self.noise.normal();
             let rate = [p - y / distance_m + off(), q + x / distance_m + off()];
-            m.flow = self.stamped(time_us, Flow { rate_rad_s: rate.map(|x| x as f32), quality: 1.0 });
+            m.flow = Some(self.stamped(time_us, Flow { rate_rad_s: rate.map(|x| x as f32), quality: 1.0 }));
         }
         if let (true, Some(time_us)) = (self.aboard.vision, self.due(10_000, 20_000)) {
             let truth = self.truth_at(time_us);
@@ -347,13 +347,13 @@ impl World {
                 position_sigma_m: sigma_m as f32,
                 attitude_sigma_rad: sigma_rad as f32,
             };
-            m.vision = self.stamped(time_us, value);
+            m.vision = Some(self.stamped(time_us, value));
         }
     }
 }
 
 /// `exp(θ) R` for a small θ, made a rotation by its second-order term.
-fn turned(theta: [f64; 3], rows: &[[f64; 3]; 3]) -> [[f32; 3]; 3] {
+pub fn turned(theta: [f64; 3], rows: &[[f64; 3]; 3]) -> [[f32; 3]; 3] {
     let [x, y, z] = theta;
     let cross = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]];
     let second = |i: usize, j: usize| (0..3).map(|k| cross[i][k] * cross[k][j]).sum::<f64>() / 2.0;

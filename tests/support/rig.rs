@@ -6,7 +6,7 @@ use control_core::measurement::Stamped;
 use control_core::modes::Mode;
 use control_core::parameters::Parameters;
 use control_core::pilot::{PilotInput, Sticks};
-use control_core::{Config, Setpoint};
+use control_core::{Config, Input, Setpoint};
 use sim_host::actuators::Drive;
 use sim_host::ground::Ground;
 use sim_host::plant::{Actuation, Plant, RigidPlant, Truth};
@@ -60,6 +60,9 @@ pub struct Rig {
 }
 
 impl Rig {
+    /// Parameters of a take-off to a height from which nothing comes down at once.
+    pub const HIGH: [(&str, f32); 2] = [("TKO_HEIGHT", 10.0), ("TKO_SPEED", 4.0)];
+
     /// On the ground, disarmed, with these parameters.
     ///
     /// # Panics
@@ -112,6 +115,45 @@ impl Rig {
         rig.fly(2.0);
         assert_eq!(rig.mode(), mode);
         rig
+    }
+
+    /// In the air at 10 m, 4 m from home, in `mode`, with a battery, a fence at 15 m, and a setpoint from outside where it hovers.
+    ///
+    /// # Panics
+    /// If it does not get there.
+    pub fn away(mode: Mode) -> Self {
+        let [height, speed] = Self::HIGH;
+        let mut rig = Self::with(&[height, speed, ("BAT_CELLS", 4.0), ("FENCE_RADIUS", 15.0)]);
+        rig.system.battery_v = Some(16.0);
+        rig.take_off();
+        rig.pilot.sticks.forward = 1.0;
+        rig.fly(1.6);
+        rig.pilot.sticks = Sticks::NEUTRAL;
+        rig.fly(4.0);
+        let position_m = Vec3::new(4.0, 0.0, -10.0);
+        rig.offboard = Some(Setpoint { position_m, ..Input::hovering().setpoint });
+        rig.pilot.mode = mode;
+        rig.fly(2.0);
+        assert_eq!(rig.mode(), mode);
+        rig
+    }
+
+    /// Comes down within `seconds`, upright and gently, and stands with its rotors stopped.
+    ///
+    /// # Panics
+    /// If it does not.
+    pub fn lands(&mut self, seconds: f64) {
+        self.until(seconds, |_, command| !command.armed);
+        self.fly(1.0);
+        let truth = self.truth();
+        assert!(truth.touching && truth.tilt_rad() < 0.1 && truth.impact_m_s < 0.8, "{truth:?}");
+        assert_eq!(self.command().motors, [0.0; 4]);
+    }
+
+    /// Speed over ground, m/s.
+    pub fn speed_m_s(&self) -> f64 {
+        let velocity = self.truth().velocity_m_s;
+        velocity.x.hypot(velocity.y)
     }
 
     /// Arms in take-off, and waits until it hovers.

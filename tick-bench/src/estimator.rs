@@ -49,7 +49,7 @@ fn worst(counter: &Counter, estimator: &Estimator, arrival: Arrival) -> (u32, u3
     for i in 1..SAMPLES {
         let now_us = i * 2000;
         let measurements = black_box(sample(i, arrival));
-        let (instructions, _) = counter.instructions(|| call(estimator, &mut state, &measurements, now_us));
+        let (instructions, ()) = counter.instructions(|| call(estimator, &mut state, &measurements, now_us));
         if i > ALIGNED {
             let kind = if i % 2 == 0 { &mut step } else { &mut path };
             *kind = instructions.max(*kind);
@@ -79,7 +79,7 @@ fn sample(i: u64, arrival: Arrival) -> Measurements {
         // What it needs to align.
         m.magnetic_ut = Some(Stamped { time_us: now_us - 10_000, value: Vec3::new(20.0 + jitter, 1.2, 44.0) });
     }
-    if i <= ALIGNED || i % TOGETHER != 0 {
+    if i <= ALIGNED || !i.is_multiple_of(TOGETHER) {
         return m;
     }
     let has = |kind: Arrival| arrival == kind || arrival == Arrival::Everything;

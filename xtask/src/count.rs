@@ -18,6 +18,10 @@ use xshell::cmd;
 const FLIGHTS: [(&str, &str, u32); 3] =
     [("lgs", FLIGHT, 900), ("default", FLIGHT, 2500), ("default", "scenarios/single_rotor_100_low_thrust.toml", 2500)];
 
+/// The most instructions of an estimator step, which is every 4 ms, and of one inertial sample.
+const ESTIMATOR_STEP_MAX: u32 = 25_000;
+const ESTIMATOR_PATH_MAX: u32 = 1_300;
+
 /// The PSRAM of mps2-an386, where `tick-bench` looks for the record.
 const RECORD_ADDRESS: &str = "0x21000000";
 /// An instruction takes 2^10 ns of virtual time and nothing else does: see `tick-bench/src/count.rs`.
@@ -37,6 +41,7 @@ pub(crate) fn run(workspace: &Workspace) -> Result<()> {
         let printed = emulate(&image, &record, &folder.join(format!("{i}.txt")))?;
         if i == 0 {
             report_functions(&printed)?;
+            report_estimator(&printed)?;
         }
         report_tick(&printed, instructions_max)?;
     }
@@ -80,6 +85,30 @@ fn report_functions(printed: &str) -> Result<()> {
         let [function, core, libm, micromath] = ["function", "core", "libm", "micromath"].map(|key| line.text(key));
         println!("{:<10} {:>6} {:>6} {:>10}", function?, core?, libm?, micromath?);
     }
+    Ok(())
+}
+
+/// Prints what the estimator takes, with whatever arrives, and judges it.
+fn report_estimator(printed: &str) -> Result<()> {
+    println!(
+        "{:<10} {:>6} {:>6}   instructions of an inertial sample, and with a step of the estimator",
+        "arrival", "path", "step"
+    );
+    let mut counted = 0;
+    for line in printed.lines().map(Line).filter(|line| line.is("estimator")) {
+        let (arrival, path, step): (_, u32, u32) = (line.text("arrival")?, line.number("path")?, line.number("step")?);
+        println!("{arrival:<10} {path:>6} {step:>6}");
+        ensure!(
+            path <= ESTIMATOR_PATH_MAX,
+            "an inertial sample takes {path} instructions, budget {ESTIMATOR_PATH_MAX}"
+        );
+        ensure!(step <= ESTIMATOR_STEP_MAX, "an estimator step takes {step} instructions, budget {ESTIMATOR_STEP_MAX}");
+        counted += 1;
+    }
+    ensure!(counted > 0, "tick-bench printed no estimator");
+    let bytes =
+        printed.lines().map(Line).find(|line| line.is("estimator_bytes")).context("tick-bench printed no sizes")?;
+    println!("estimator: state {} bytes, settings {}", bytes.text("state")?, bytes.text("settings")?);
     Ok(())
 }
 
@@ -135,6 +164,16 @@ mod tests {
             "tick ticks={ticks} worst={worst} mean=1.5 worst_at=3 rejected=0 differing={differing} \
              first_differing=none\nmath function=tanh core=33 libm=108 micromath=84\n"
         )
+    }
+
+    #[test]
+    fn an_estimator_is_judged() {
+        let text = |step: u32| {
+            format!("estimator arrival=gnss path=900 step={step}\nestimator_bytes state=5000 settings=200\n")
+        };
+        assert!(report_estimator(&text(ESTIMATOR_STEP_MAX)).is_ok());
+        assert!(report_estimator(&text(ESTIMATOR_STEP_MAX + 1)).is_err());
+        assert!(report_estimator("").is_err());
     }
 
     #[test]

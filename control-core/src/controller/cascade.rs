@@ -12,7 +12,7 @@ use crate::{Demand, Mask, Scalar};
 const INTEGRAL_GATE_M: f32 = 0.5;
 
 /// Altitude's place among the axes.
-pub(super) const Z: usize = 2;
+const Z: usize = 2;
 /// Heading's.
 pub(super) const PSI: usize = 3;
 
@@ -57,7 +57,7 @@ impl<S: Scalar> Controller<S> {
     /// The force up, N, of a machine whose place and heading others hold: only altitude learns.
     pub(super) fn altitude(&self, state: &mut State<S>, errors: &Errors<S>, dt_s: S) -> S {
         let (outer, _) = self.command(state, errors, dt_s);
-        self.learn_axis(Z, state, errors, S::Mask::splat(false), dt_s);
+        self.learn_altitude(state, errors, dt_s);
         outer.up_n
     }
 
@@ -83,6 +83,23 @@ impl<S: Scalar> Controller<S> {
         }
     }
 
+    /// The slow part of altitude alone.
+    pub(super) fn learn_altitude(&self, state: &mut State<S>, errors: &Errors<S>, since_s: S) {
+        let lesson = self.altitude_lesson(state, errors, since_s);
+        self.axes[Z].learn(&mut state.axes[Z], &lesson);
+    }
+
+    #[inline(always)]
+    fn altitude_lesson(&self, state: &State<S>, errors: &Errors<S>, dt_s: S) -> Lesson<S> {
+        let down_m = errors.position_m.z;
+        Lesson {
+            error: -down_m,
+            refused: state.refused.thrust_n,
+            integrate: down_m.abs().lt(S::from_f32(INTEGRAL_GATE_M)) | self.always_integrates,
+            dt_s,
+        }
+    }
+
     /// The slow part of one axis, x, y, z or psi. Heading learns nothing while the guard brakes.
     pub(super) fn learn_axis(
         &self,
@@ -97,10 +114,7 @@ impl<S: Scalar> Controller<S> {
         let lesson = match axis {
             0 => lesson(error.x, state.refused_m_s2[0]),
             1 => lesson(error.y, state.refused_m_s2[1]),
-            Z => Lesson {
-                integrate: error.z.abs().lt(S::from_f32(INTEGRAL_GATE_M)) | self.always_integrates,
-                ..lesson(-error.z, state.refused.thrust_n)
-            },
+            Z => self.altitude_lesson(state, errors, since_s),
             _ => Lesson { dt_s: S::select(braking, S::ZERO, since_s), ..lesson(errors.yaw_rad, state.refused.yaw_nm) },
         };
         if let (Some(law), Some(state)) = (self.axes.get(axis), state.axes.get_mut(axis)) {

@@ -13,7 +13,7 @@
 //! A machine that spins without a rotor has no heading to steer by and is held level, by the tick of the position.
 //!
 //! Flown by a board and a pilot, so in `f32` only.
-use super::cascade::{PSI, Z};
+use super::cascade::PSI;
 use super::{Controller, Errors, State};
 use crate::Demand;
 use crate::frames::{Body, Vec3};
@@ -192,7 +192,7 @@ impl Controller {
         let thrust_n = match hand.lift {
             Lift::Thrust(n) => n,
             Lift::Altitude { .. } => {
-                self.learn_axis(Z, state, errors, false, dt_s);
+                self.learn_altitude(state, errors, dt_s);
                 let up = Outer { north_m_s2: 0.0, east_m_s2: 0.0, up_n: outer.up_n };
                 self.guidance.convert(&up, angles).thrust_n
             }
@@ -208,5 +208,142 @@ impl Controller {
         state.refused_m_s2 = [0.0; 2];
         let yaw_nm = if braking { self.brake_nm(-errors.yaw_rate_rad_s) } else { heading_nm };
         Demand { thrust_n, roll_nm, pitch_nm, yaw_nm }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frames::Attitude;
+    use crate::{Airframe, Config, Law};
+    use std::format;
+
+    fn controllers() -> [Controller; 2] {
+        let airframe = Airframe::paper(2.2);
+        [Config::tolerant(airframe), Config::flight(Law::Lgs, airframe)]
+            .map(|config| Controller::try_new(&config).expect("shipped gains"))
+    }
+
+    fn weight_n() -> f32 {
+        Airframe::paper(2.2).weight_n()
+    }
+
+    fn angles(roll_rad: f32, yaw_rate_rad_s: f32, lift: Lift) -> Target {
+        Target::Angles { roll_rad, pitch_rad: 0.0, yaw_rate_rad_s, lift }
+    }
+
+    #[test]
+    fn a_position_is_the_tick_of_a_position_to_the_bit() {
+        for controller in controllers() {
+            let (mut a, mut b) = (controller.hover_state(), controller.hover_state());
+            let mut input = Input::hovering();
+            for i in 0..500 {
+                input.position_m = Vec3::new(0.01 * i as f32, -0.3, 0.001 * i as f32);
+                let target = Target::Position(input.setpoint);
+                let elsewhere = Setpoint { yaw_rad: 1.0, ..input.setpoint };
+                let by_target = controller.tick_toward(&mut a, &Input { setpoint: elsewhere, ..input }, &target);
+                assert_eq!(
+                    by_target.thrust_n.map(f32::to_bits),
+                    controller.tick(&mut b, &input).thrust_n.map(f32::to_bits)
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_asked_for_is_what_the_rotors_push_for() {
+        let level = Lift::Thrust(weight_n());
+        let rates = |x, y, z| Target::Rates { rate_rad_s: Vec3::new(x, y, z), thrust_n: weight_n() };
+        // Rotors: right, front, left, back.
+        for (why, target, more, less) in [
+            ("roll right", angles(0.2, 0.0, level), 2, 0),
+            ("roll right by rate", rates(1.0, 0.0, 0.0), 2, 0),
+            ("nose up by rate", rates(0.0, 1.0, 0.0), 1, 3),
+            ("turn clockwise", angles(0.0, 0.5, level), 0, 1),
+            ("turn clockwise by rate", rates(0.0, 0.0, 0.5), 2, 3),
+        ] {
+            for controller in controllers() {
+                let mut state = controller.hover_state();
+                let output = controller.tick_toward(&mut state, &Input::hovering(), &target);
+                let total_n: f32 = output.thrust_n.iter().sum();
+                assert!(!output.rejected && output.thrust_n[more] > output.thrust_n[less] + 0.01, "{why}: {output:?}");
+                assert!((total_n - weight_n()).abs() < 1e-3, "{why}: {total_n}");
+            }
+        }
+    }
+
+    #[test]
+    fn lift_is_the_thrust_asked_for_or_what_holds_the_altitude() {
+        for controller in controllers() {
+            let lifted = |lift, input: &Input| -> f32 {
+                let mut state = controller.hover_state();
+                controller.tick_toward(&mut state, input, &angles(0.0, 0.0, lift)).thrust_n.iter().sum()
+            };
+            let hover = Input::hovering();
+            assert!((lifted(Lift::Thrust(3.0), &hover) - 3.0).abs() < 1e-3);
+            let still = |down_m| Lift::Altitude { down_m, down_m_s: 0.0 };
+            assert!((lifted(still(0.0), &hover) - weight_n()).abs() < 1e-3);
+            assert!(lifted(still(-0.1), &hover) > weight_n() + 0.5, "below its altitude");
+            let lost = Input { position_m: Vec3::new(f32::NAN, 1e30, 0.0), ..hover };
+            assert!((lifted(still(0.0), &lost) - weight_n()).abs() < 1e-3, "north and east are not looked at");
+        }
+    }
+
+    #[test]
+    fn the_position_and_velocity_laws_wait_while_they_are_not_flown() {
+        for controller in controllers() {
+            let mut state = controller.hover_state();
+            let mut input = Input::hovering();
+            input.position_m.x = -0.5;
+            for _ in 0..1000 {
+                controller.tick(&mut state, &input);
+            }
+            let learnt = |state: &State| {
+                let [x, y, ..] = controller.telemetry(state).axes;
+                [(x.gains, x.integral), (y.gains, y.integral)]
+            };
+            let before = learnt(&state);
+            for _ in 0..1000 {
+                controller.tick_toward(&mut state, &input, &angles(0.1, 0.0, Lift::Thrust(weight_n())));
+            }
+            assert_eq!(learnt(&state), before);
+        }
+    }
+
+    #[test]
+    fn a_target_or_a_sample_that_is_not_plausible_changes_nothing() {
+        let level = Lift::Thrust(weight_n());
+        let hover = Input::hovering();
+        let crooked = Input { attitude: Attitude { rows: [[2.0, 0.0, 0.0]; 3] }, ..hover };
+        let spoilt = Input { rate_rad_s: Vec3::new(0.0, f32::NAN, 0.0), ..hover };
+        for controller in controllers() {
+            for (input, target) in [
+                (hover, angles(f32::NAN, 0.0, level)),
+                (hover, angles(0.0, f32::INFINITY, level)),
+                (hover, angles(0.0, 0.0, Lift::Thrust(f32::NAN))),
+                (hover, angles(0.0, 0.0, Lift::Altitude { down_m: f32::NAN, down_m_s: 0.0 })),
+                (hover, Target::Rates { rate_rad_s: Vec3::new(0.0, f32::NAN, 0.0), thrust_n: 1.0 }),
+                (crooked, angles(0.0, 0.0, level)),
+                (spoilt, angles(0.0, 0.0, level)),
+            ] {
+                let mut state = controller.hover_state();
+                assert!(controller.tick_toward(&mut state, &input, &target).rejected, "{target:?}");
+                state.output.rejected = false;
+                assert_eq!(format!("{state:?}"), format!("{:?}", controller.hover_state()));
+            }
+        }
+    }
+
+    #[test]
+    fn on_the_ground_all_rotors_are_alike_and_nothing_is_remembered() {
+        for controller in controllers() {
+            let mut state = controller.hover_state();
+            let mut input = Input::hovering();
+            input.position_m.z = 1.0;
+            controller.tick(&mut state, &input);
+            let output = controller.tick_toward(&mut state, &input, &Target::Ground { share: 0.25 });
+            assert!(output.thrust_n.iter().all(|n| (n - 0.25 * 2.2 * weight_n() / 4.0).abs() < 1e-5));
+            assert_eq!(format!("{state:?}"), format!("{:?}", controller.hover_state()));
+        }
     }
 }

@@ -32,7 +32,7 @@ impl<S: Scalar> Controller<S> {
         state: &mut State<S>,
         input: &Input<S>,
         angles: &Angles<S>,
-        errors: &Errors<S>,
+        errors: &mut Errors<S>,
         dt_s: S,
     ) {
         let rate = input.rate_rad_s;
@@ -42,7 +42,7 @@ impl<S: Scalar> Controller<S> {
         let spinning = rotors.next_spinning(&state.rotors, rate.z);
         state.rotors.spinning = spinning;
         let demand = if let (Some(spin), Some(mut spinning)) = (&rotors.spin, spinning) {
-            let errors = &errors.led_down(&mut state.rotors, spinning.pair, dt_s);
+            errors.lead_down(&mut state.rotors, spinning.pair, dt_s);
             let up_n = self.altitude(state, errors, dt_s);
             spinning.advance(input, &residual, dt_s);
             state.rotors.spinning = Some(spinning);
@@ -56,7 +56,7 @@ impl<S: Scalar> Controller<S> {
             let [roll_nm, pitch_nm] = spin.torque_nm(&spinning, &SpinInput { tilting_rad_s2, pointing, rate });
             Demand { thrust_n, roll_nm, pitch_nm, yaw_nm: self.brake_nm(rate.z) }
         } else {
-            let errors = &errors.led_down(&mut state.rotors, false, dt_s);
+            errors.lead_down(&mut state.rotors, false, dt_s);
             let wanted = self.wanted(state, rate, angles, errors, dt_s);
             rotors.demand(&wanted.with_torque(coupling), &residual)
         };
@@ -68,17 +68,15 @@ impl<S: Scalar> Controller<S> {
 }
 
 impl<S: Scalar> Errors<S> {
-    /// The errors of a machine that is led down while `sinking`, and up again after.
+    /// Makes them those of a machine that is led down while `sinking`, and up again after.
     #[inline(always)]
-    fn led_down(&self, rotors: &mut RotorsState<S>, sinking: bool, dt_s: S) -> Self {
-        let mut led = *self;
+    fn lead_down(&mut self, rotors: &mut RotorsState<S>, sinking: bool, dt_s: S) {
         if sinking || S::ZERO.lt(rotors.sunk_m).all() {
             cold_path();
             let speed_m_s = S::from_f32(if sinking { SINK_M_S } else { -SINK_M_S });
             rotors.sunk_m = (rotors.sunk_m + speed_m_s * dt_s).max(S::ZERO);
-            led.position_m.z = led.position_m.z + rotors.sunk_m;
-            led.velocity_m_s.z = led.velocity_m_s.z + speed_m_s;
+            self.position_m.z = self.position_m.z + rotors.sunk_m;
+            self.velocity_m_s.z = self.velocity_m_s.z + speed_m_s;
         }
-        led
     }
 }

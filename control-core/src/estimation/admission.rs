@@ -32,29 +32,6 @@ const VISION_RAD_MAX: f32 = 0.5;
 const CROOKED_MAX: f32 = 0.01;
 
 impl Estimator {
-    /// The inertial sample to go on with, if there is one to believe.
-    ///
-    /// The second unit stands in for the first when that has been refused or silent for [`STAND_IN_US`], and the other way round.
-    pub(super) fn admit_inertial(
-        &self,
-        state: &mut EstimatorState,
-        measurements: &Measurements,
-        now_us: u64,
-    ) -> Option<Stamped<Imu>> {
-        let first = admit_unit(state, Source::Inertial, measurements.imu.as_ref(), now_us);
-        let second = admit_unit(state, Source::InertialSecond, measurements.imu_second.as_ref(), now_us);
-        if let (Some(a), Some(b)) = (&first, &second) {
-            state.learn_difference(&a.value, &b.value);
-        }
-        let (used, spare) = if state.on_second { (second, first) } else { (first, second) };
-        let last_us = state.watches[state.inertial() as usize].status.taken_us;
-        if used.is_none() && spare.is_some() && now_us.saturating_sub(last_us) > STAND_IN_US {
-            state.change_unit();
-            return spare.filter(|imu| imu.time_us > state.time_us);
-        }
-        used.filter(|imu| imu.time_us > state.time_us)
-    }
-
     /// Keeps what else may be believed until the next step of the covariance; of each source the newest.
     pub(super) fn admit(&self, state: &mut EstimatorState, measurements: &Measurements, now_us: u64) {
         let Measurements { magnetic_ut, gnss, range_m, flow, vision, rotor_rad_s, .. } = measurements;
@@ -130,12 +107,12 @@ fn admit_barometers(state: &mut EstimatorState, measurements: &Measurements, now
 }
 
 /// A unit's sample, if it may be believed.
-fn admit_unit(
+fn admit_unit<'a>(
     state: &mut EstimatorState,
     source: Source,
-    imu: Option<&Stamped<Imu>>,
+    imu: Option<&'a Stamped<Imu>>,
     now_us: u64,
-) -> Option<Stamped<Imu>> {
+) -> Option<&'a Stamped<Imu>> {
     let imu = imu?;
     let Imu { rate_rad_s: w, specific_force_m_s2: f } = imu.value;
     let in_range =
@@ -146,10 +123,32 @@ fn admit_unit(
     if admitted {
         watch.take(imu.time_us);
     }
-    admitted.then_some(*imu)
+    admitted.then_some(imu)
 }
 
 impl EstimatorState {
+    /// The inertial sample to go on with, if there is one to believe.
+    ///
+    /// The second unit stands in for the first when that has been refused or silent for [`STAND_IN_US`], and the other way round.
+    pub(super) fn admit_inertial<'a>(
+        &mut self,
+        measurements: &'a Measurements,
+        now_us: u64,
+    ) -> Option<&'a Stamped<Imu>> {
+        let first = admit_unit(self, Source::Inertial, measurements.imu.as_ref(), now_us);
+        let second = admit_unit(self, Source::InertialSecond, measurements.imu_second.as_ref(), now_us);
+        if let (Some(a), Some(b)) = (first, second) {
+            self.learn_difference(&a.value, &b.value);
+        }
+        let (mut used, spare) = if self.on_second { (second, first) } else { (first, second) };
+        let last_us = self.watches[self.inertial() as usize].status.taken_us;
+        if used.is_none() && spare.is_some() && now_us.saturating_sub(last_us) > STAND_IN_US {
+            self.change_unit();
+            used = spare;
+        }
+        used.filter(|imu| imu.time_us > self.time_us)
+    }
+
     /// The inertial unit that is gone by.
     pub(super) fn inertial(&self) -> Source {
         if self.on_second { Source::InertialSecond } else { Source::Inertial }

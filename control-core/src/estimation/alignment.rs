@@ -1,8 +1,8 @@
 //! The first attitude: down by the accelerometer at rest, north by external vision or the magnetic field.
 //!
-//! A window of [`WINDOW_S`] counts as rest if no sample of it turns faster than [`STILL_RAD_S`] or weighs other than gravity by more than
-//! [`STILL_M_S2`]. Its mean rate is the gyro's bias, its mean force points up. Who waits longer than [`PATIENCE_S`] is not at rest: the machine was
-//! switched on, or its board started again, in the air; then the last window's force has to do.
+//! A window of [`WINDOW_S`] is rest if no rate in it exceeds the bias of a part, no force differs from gravity by more than one, and neither
+//! wanders by more than noise: a hover in the air does. Its mean rate then is the gyro's bias, its mean force points up. Who waits longer than
+//! [`PATIENCE_S`] is not at rest: the machine was switched on, or its board started again, in the air; then the last window's force has to do.
 use super::quaternion::{Quaternion, to_body};
 use crate::frames::{Attitude, Body, Ned, Vec3};
 use crate::measurement::Imu;
@@ -17,11 +17,45 @@ const STILL_RAD_S: f32 = 0.15;
 /// What the specific force at rest may differ from gravity, m/s².
 const STILL_M_S2: f32 = 1.0;
 
+/// Standard deviation over a window, all axes together, that is still noise, rad/s and m/s².
+const WANDER_RAD_S: f32 = 0.02;
+const WANDER_M_S2: f32 = 0.3;
+
+/// Mean and deviation of a vector, summed from the first sample on, so that squares of gravity do not hide those of noise.
+#[derive(Clone, Copy, Debug)]
+struct Moments {
+    first: Vec3<Body>,
+    sum: Vec3<Body>,
+    squares: f32,
+}
+
+impl Moments {
+    const EMPTY: Self = Self { first: Vec3::zero(), sum: Vec3::zero(), squares: 0.0 };
+
+    fn add(&mut self, v: Vec3<Body>, is_first: bool) {
+        if is_first {
+            self.first = v;
+        }
+        let off = v - self.first;
+        self.sum = self.sum + off;
+        self.squares += off.norm_squared();
+    }
+
+    fn mean(&self, samples: f32) -> Vec3<Body> {
+        self.first + self.sum * (1.0 / samples)
+    }
+
+    fn wanders(&self, samples: f32, most: f32) -> bool {
+        let mean = self.sum * (1.0 / samples);
+        self.squares / samples - mean.norm_squared() > most * most
+    }
+}
+
 /// Samples of a window, summed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Alignment {
-    rate_rad_s: Vec3<Body>,
-    force_m_s2: Vec3<Body>,
+    rates: Moments,
+    forces: Moments,
     samples: f32,
     window_s: f32,
     waited_s: f32,
@@ -43,33 +77,29 @@ pub(crate) struct Rest {
 
 impl Alignment {
     /// Nothing summed.
-    pub(crate) const NEW: Self = Self {
-        rate_rad_s: Vec3::zero(),
-        force_m_s2: Vec3::zero(),
-        samples: 0.0,
-        window_s: 0.0,
-        waited_s: 0.0,
-        still: true,
-    };
+    pub(crate) const NEW: Self =
+        Self { rates: Moments::EMPTY, forces: Moments::EMPTY, samples: 0.0, window_s: 0.0, waited_s: 0.0, still: true };
 
     /// Adds a sample; returns what the window says when it is full.
     pub(crate) fn add(&mut self, imu: &Imu, dt_s: f32) -> Option<Rest> {
         let weight = Scalar::sqrt(imu.specific_force_m_s2.norm_squared());
         self.still &=
             imu.rate_rad_s.norm_squared() < STILL_RAD_S * STILL_RAD_S && (weight - GRAVITY_M_S2).abs() < STILL_M_S2;
-        self.rate_rad_s = self.rate_rad_s + imu.rate_rad_s;
-        self.force_m_s2 = self.force_m_s2 + imu.specific_force_m_s2;
+        let is_first = self.samples == 0.0;
+        self.rates.add(imu.rate_rad_s, is_first);
+        self.forces.add(imu.specific_force_m_s2, is_first);
         self.samples += 1.0;
         self.window_s += dt_s;
         self.waited_s += dt_s;
         if self.window_s < WINDOW_S {
             return None;
         }
-        let share = 1.0 / self.samples;
+        let n = self.samples;
+        let calm = !self.rates.wanders(n, WANDER_RAD_S) && !self.forces.wanders(n, WANDER_M_S2);
         let rest = Rest {
-            rate_rad_s: self.rate_rad_s * share,
-            force_m_s2: self.force_m_s2 * share,
-            still: self.still,
+            rate_rad_s: self.rates.mean(n),
+            force_m_s2: self.forces.mean(n),
+            still: self.still && calm,
             impatient: self.waited_s >= PATIENCE_S,
         };
         *self = Self { waited_s: self.waited_s, ..Self::NEW };
@@ -129,6 +159,7 @@ mod tests {
 
     #[test]
     fn rest_is_told_from_motion() {
+        // What a window of half a second shows in which every fifth sample is odd.
         let imu = |rate: f32, force: f32| Imu {
             rate_rad_s: Vec3::new(rate, 0.0, 0.0),
             specific_force_m_s2: Vec3::new(0.0, 0.0, -force),
@@ -137,9 +168,12 @@ mod tests {
             ("at rest", imu(0.01, 9.8), true),
             ("a turn within", imu(0.3, 9.8), false),
             ("a push within", imu(0.01, 12.0), false),
+            ("a turn no larger than a bias, that comes and goes", imu(0.1, 9.8), false),
+            ("a sway of a hover", imu(0.01, 9.0), false),
+            ("noise", imu(0.03, 9.9), true),
         ] {
             let mut alignment = Alignment::NEW;
-            let window = (0..260).find_map(|i| alignment.add(&if i == 100 { odd } else { imu(0.01, 9.8) }, 0.002));
+            let window = (0..260).find_map(|i| alignment.add(&if i % 5 == 1 { odd } else { imu(0.01, 9.8) }, 0.002));
             assert_eq!(window.expect("half a second").still, still, "{why}");
         }
     }

@@ -33,12 +33,16 @@ pub struct AidingNoise {
     pub gnss_vertical_m: f32,
     /// Satellite velocity, least, m/s.
     pub gnss_m_s: f32,
+    /// What a satellite position may be off by for minutes, m: multipath and the sky's delays.
+    pub gnss_bias_m: f32,
     /// Barometric altitude, m.
     pub barometer_m: f32,
     /// Random walk of the barometer's offset, m/√s.
     pub barometer_walk_m_rt_s: f32,
     /// Magnetic field, each axis, µT.
     pub magnetic_ut: f32,
+    /// What iron and currents leave of the field for long, each axis, µT.
+    pub magnetic_bias_ut: f32,
     /// Range, m.
     pub range_m: f32,
     /// Random walk of the ground's height below a flight, m/√s.
@@ -79,7 +83,7 @@ pub struct EstimatorConfig {
     pub limits: HealthLimits,
     /// Filters of the rates that are flown on.
     pub gyro: GyroConfig,
-    /// The earth's field where it flies, µT.
+    /// The earth's field where it flies, µT; north is true north, so that the declination is in it.
     pub earth_field_ut: Vec3<Ned>,
     /// Innovations beyond this many standard deviations are refused.
     pub gate_sigma: f32,
@@ -101,9 +105,11 @@ impl EstimatorConfig {
             gnss_horizontal_m: 0.5,
             gnss_vertical_m: 0.8,
             gnss_m_s: 0.1,
+            gnss_bias_m: 0.4,
             barometer_m: 0.3,
             barometer_walk_m_rt_s: 0.02,
             magnetic_ut: 1.0,
+            magnetic_bias_ut: 0.4,
             range_m: 0.03,
             ground_walk_m_rt_s: 0.02,
             flow_rad_s: 0.05,
@@ -119,7 +125,7 @@ impl EstimatorConfig {
             dead_reckoning_s: 5.0,
         },
         gyro: GyroConfig::FLIGHT,
-        earth_field_ut: Vec3::new(20.0, 1.2, 44.0),
+        earth_field_ut: Vec3::new(20.5, 0.0, 43.4),
         gate_sigma: 5.0,
     };
 
@@ -137,9 +143,11 @@ impl EstimatorConfig {
             ("aiding.gnss_horizontal_m", a.gnss_horizontal_m, (0.001, 100.0)),
             ("aiding.gnss_vertical_m", a.gnss_vertical_m, (0.001, 100.0)),
             ("aiding.gnss_m_s", a.gnss_m_s, (0.001, 10.0)),
+            ("aiding.gnss_bias_m", a.gnss_bias_m, (0.0, 100.0)),
             ("aiding.barometer_m", a.barometer_m, (0.01, 100.0)),
             ("aiding.barometer_walk_m_rt_s", a.barometer_walk_m_rt_s, (1e-5, 10.0)),
             ("aiding.magnetic_ut", a.magnetic_ut, (0.01, 20.0)),
+            ("aiding.magnetic_bias_ut", a.magnetic_bias_ut, (0.0, 20.0)),
             ("aiding.range_m", a.range_m, (0.001, 10.0)),
             ("aiding.ground_walk_m_rt_s", a.ground_walk_m_rt_s, (1e-5, 10.0)),
             ("aiding.flow_rad_s", a.flow_rad_s, (0.001, 10.0)),

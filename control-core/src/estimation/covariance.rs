@@ -202,6 +202,7 @@ impl Covariance {
 
     /// Row `I` of the upper half, and its mirror image.
     #[inline(always)]
+    #[expect(clippy::needless_range_loop, reason = "both triangles are written")]
     fn subtract_row<const I: usize>(&mut self, w: &[f32; STATES], k: f32) {
         let gain = w[I] * k;
         for j in I..STATES {
@@ -219,6 +220,20 @@ impl Covariance {
             row[state] = 0.0;
         }
         self.0[state][state] = variance;
+    }
+
+    /// State `to` ← state `to` + `k` · state `from`, of the errors.
+    pub(crate) fn add_multiple(&mut self, from: usize, to: usize, k: f32) {
+        let (from, to) = (held(from), held(to));
+        let mut row = self.0[to];
+        for (cell, from) in row.iter_mut().zip(self.0[from]) {
+            *cell += k * from;
+        }
+        row[to] += k * row[from];
+        self.0[to] = row;
+        for (cells, value) in self.0.iter_mut().zip(row) {
+            cells[to] = value;
+        }
     }
 
     /// Makes state `to` the error of state `from` and an independent one of `variance`: what is read off another is wrong as that is.
@@ -292,6 +307,15 @@ mod tests {
         let want = congruent(&f, &p);
         p.shear_evenly::<POSITION, VELOCITY>(0.5);
         assert!(apart(&p, &want) < 1e-5);
+    }
+
+    #[test]
+    fn adding_a_multiple_of_one_state_is_a_shear_of_one_axis() {
+        let (mut p, mut f) = (some(), unit());
+        f[POSITION + 1][VELOCITY + 1] = f64::from(0.15_f32);
+        let want = congruent(&f, &p);
+        p.add_multiple(VELOCITY + 1, POSITION + 1, 0.15);
+        assert!(apart(&p, &want) < 1e-6);
     }
 
     #[test]

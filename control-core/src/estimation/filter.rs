@@ -18,6 +18,10 @@ const ACCELEROMETER_BIAS_M_S2_MAX: f32 = 1.5;
 /// How well the difference of two inertial units is known, rad/s and m/s².
 const TRADE_RAD_S: f32 = 0.002;
 const TRADE_M_S2: f32 = 0.05;
+/// How far tilt and biases may be off where the velocity was, rad, rad/s and m/s².
+const DOUBT_RAD: f32 = 0.1;
+const DOUBT_RAD_S: f32 = 0.01;
+const DOUBT_M_S2: f32 = 0.2;
 /// Standard deviation of a state that nothing is known of: velocity, m/s, and position, m.
 pub(crate) const UNKNOWN_M_S: f32 = 3.0;
 pub(crate) const UNKNOWN_M: f32 = 100.0;
@@ -122,7 +126,7 @@ impl Filter {
         let (a, b) = (&self.attitude_before.rows, &self.attitude.rows);
         let half_s = -0.5 * self.span_s;
         let turn = core::array::from_fn(|i| core::array::from_fn(|j| half_s * (a[i][j] + b[i][j])));
-        let span = Span { span_s: self.span_s, minus_attitude_s: turn, pushed_m_s: self.pushed_m_s };
+        let span = Span { length_s: self.span_s, minus_attitude_s: turn, pushed_m_s: self.pushed_m_s };
         self.force_m_s2 = self.pushed_m_s * (1.0 / self.span_s.max(1e-6));
         self.attitude_before = self.attitude;
         (self.pushed_m_s, self.span_s) = (Vec3::zero(), 0.0);
@@ -136,22 +140,29 @@ impl Filter {
     pub(crate) fn predict(&mut self, config: &EstimatorConfig, span: &Span, rate_rad_s: Vec3<Body>, gap_s: f32) {
         let u = span.pushed_m_s;
         let p = &mut self.covariance;
-        p.shear_evenly::<POSITION, VELOCITY>(span.span_s);
+        p.shear_evenly::<POSITION, VELOCITY>(span.length_s);
         p.shear::<VELOCITY, ATTITUDE>(&[[0.0, u.z, -u.y], [-u.z, 0.0, u.x], [u.y, -u.x, 0.0]]);
         p.shear::<VELOCITY, ACCELEROMETER_BIAS>(&span.minus_attitude_s);
         p.shear::<ATTITUDE, GYRO_BIAS>(&span.minus_attitude_s);
-        p.add_noise(&config.noise(span.span_s, components(self.attitude.to_ned(rate_rad_s)), gap_s));
+        p.add_noise(&config.noise(span.length_s, components(self.attitude.to_ned(rate_rad_s)), gap_s));
     }
 
     /// Takes a group of observations in, if all are within the gate.
-    pub(crate) fn fuse(&mut self, observations: &[Observation], gate_sigma: f32) -> Fusion {
-        let ratio_of = |o: &Observation| {
-            o.innovation * o.innovation / (gate_sigma * gate_sigma * (self.covariance.seen(o) + o.variance))
-        };
-        let ratio =
-            observations.iter().map(ratio_of).fold(0.0, |worst, ratio| if ratio <= worst { worst } else { ratio });
-        if !(ratio <= 1.0) {
-            return Fusion { ratio, taken: false };
+    ///
+    /// - `bias`: what the source may be off by for long, 1 σ. What is known better already is left as it is: noise averages out, this does not.
+    pub(crate) fn fuse(&mut self, observations: &[Observation], gate_sigma: f32, bias: f32) -> Fusion {
+        let (mut ratio, mut within, mut known) = (0.0_f32, true, true);
+        for observation in observations {
+            let seen = self.covariance.seen(observation);
+            let total = gate_sigma * gate_sigma * (seen + observation.variance);
+            let own = observation.innovation * observation.innovation / total;
+            // Written so that what is not a number is outside.
+            within &= own <= 1.0;
+            known &= seen < bias * bias;
+            ratio = ratio.max(own);
+        }
+        if known || !within {
+            return Fusion { ratio, taken: within };
         }
         let mut error = [0.0; STATES];
         if !observations.iter().all(|o| self.covariance.observe(o, &mut error)) {
@@ -196,8 +207,14 @@ impl Filter {
         let mut jump = measured_m - past.position_m;
         jump.z = 0.0;
         self.shift(Vec3::zero(), jump);
-        self.covariance.reset(POSITION, sigma_m * sigma_m);
-        self.covariance.reset(POSITION + 1, sigma_m * sigma_m);
+        self.forget_position(0, past, sigma_m);
+        self.forget_position(1, past, sigma_m);
+    }
+
+    /// Makes the position along an axis what a measurement says of it: known then, and since then as well as the velocity.
+    fn forget_position(&mut self, axis: usize, past: &Past, sigma_m: f32) {
+        self.covariance.reset(POSITION + axis, sigma_m * sigma_m);
+        self.covariance.add_multiple(VELOCITY + axis, POSITION + axis, past.delay_s);
     }
 
     /// Takes the altitude from a measurement that is absolute; the barometer's offset and the ground move with it.
@@ -213,7 +230,7 @@ impl Filter {
         self.barometer_offset_m += jump_m;
         self.ground_m = self.ground_m.map(|ground_m| ground_m + jump_m);
         let (barometer_m, range_m) = (config.aiding.barometer_m, config.aiding.range_m);
-        self.covariance.reset(DOWN, sigma_m * sigma_m);
+        self.forget_position(2, past, sigma_m);
         self.covariance.copy(DOWN, BARO_OFFSET, barometer_m * barometer_m);
         self.covariance.copy(DOWN, GROUND, range_m * range_m);
     }
@@ -229,6 +246,7 @@ impl Filter {
         let jump_m = self.barometer_offset_m - altitude_m - past.position_m.z;
         self.shift(Vec3::zero(), Vec3::new(0.0, 0.0, jump_m));
         self.covariance.copy(BARO_OFFSET, DOWN, sigma_m * sigma_m);
+        self.covariance.add_multiple(VELOCITY + 2, DOWN, past.delay_s);
     }
 
     /// Takes the ground from a range of `height_m` above it, of standard deviation `sigma_m`.
@@ -238,11 +256,18 @@ impl Filter {
     }
 
     /// Takes the velocity from a measurement and forgets what was believed of it.
+    ///
+    /// What led it astray is doubted as well: tilt and biases.
     pub(crate) fn launch(&mut self, past: &Past, measured_m_s: Vec3<Ned>, sigma_m_s: f32) {
         self.shift(measured_m_s - past.velocity_m_s, Vec3::zero());
         for axis in 0..3 {
             self.covariance.reset(VELOCITY + axis, sigma_m_s * sigma_m_s);
         }
+        self.covariance.add_noise(&spread([
+            (ATTITUDE, DOUBT_RAD),
+            (GYRO_BIAS, DOUBT_RAD_S),
+            (ACCELEROMETER_BIAS, DOUBT_M_S2),
+        ]));
     }
 
     /// Turns the heading by an angle and forgets what was believed of it.
@@ -259,10 +284,7 @@ impl Filter {
         let nominal = &mut self.nominal;
         nominal.gyro_bias_rad_s = nominal.gyro_bias_rad_s + rate_rad_s;
         nominal.accelerometer_bias_m_s2 = nominal.accelerometer_bias_m_s2 + force_m_s2;
-        let mut unsure = [0.0; STATES];
-        unsure[GYRO_BIAS..GYRO_BIAS + 3].fill(TRADE_RAD_S * TRADE_RAD_S);
-        unsure[ACCELEROMETER_BIAS..ACCELEROMETER_BIAS + 3].fill(TRADE_M_S2 * TRADE_M_S2);
-        self.covariance.add_noise(&unsure);
+        self.covariance.add_noise(&spread([(GYRO_BIAS, TRADE_RAD_S), (ACCELEROMETER_BIAS, TRADE_M_S2)]));
     }
 
     /// Whether it may be believed at all.
@@ -275,6 +297,15 @@ impl Filter {
     }
 }
 
+/// Variances of three states each, from standard deviations.
+fn spread<const N: usize>(blocks: [(usize, f32); N]) -> [f32; STATES] {
+    let mut variances = [0.0; STATES];
+    for (first, sigma) in blocks {
+        variances[first..first + 3].fill(sigma * sigma);
+    }
+    variances
+}
+
 /// What happened to a group of observations.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fusion {
@@ -285,8 +316,9 @@ pub(crate) struct Fusion {
 
 /// What the inertial unit did over a step of the covariance.
 #[derive(Clone, Copy, Debug)]
+#[expect(clippy::struct_field_names, reason = "the unit")]
 pub(crate) struct Span {
-    pub(crate) span_s: f32,
+    pub(crate) length_s: f32,
     /// −∫ R, s: by the mean of both ends, 0.2 % off where 35 rad/s turn in 4 ms.
     minus_attitude_s: [[f32; 3]; 3],
     pushed_m_s: Vec3<Ned>,

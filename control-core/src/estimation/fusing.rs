@@ -12,6 +12,8 @@ use crate::measurement::{Flow, Gnss, Measurements, Stamped, Vision};
 
 /// Disagreement with the only source of a quantity after which the filter yields, µs.
 const RESET_US: u64 = 2_000_000;
+/// The same of position while another source vouches for the velocity, µs.
+const POSITION_RESET_US: u64 = 10_000_000;
 /// The same of heading, which disturbances of the magnetic field last longer than, µs.
 const HEADING_RESET_US: u64 = 5_000_000;
 /// Time after which an absent source of velocity is made up for, µs.
@@ -31,6 +33,16 @@ struct Verdict {
     ratio: f32,
     taken: bool,
     refused: bool,
+}
+
+/// A measured position.
+#[expect(clippy::struct_field_names, reason = "the unit")]
+struct Position {
+    measured_m: Vec3<Ned>,
+    /// Standard deviations, horizontal and vertical.
+    sigma_m: (f32, f32),
+    /// What it may be off by for long, horizontal; half as much again vertical.
+    bias_m: f32,
 }
 
 impl EstimatorState {
@@ -75,7 +87,7 @@ impl Estimator {
         let large = vision.is_some() || gnss.is_some();
         state.large_last = large && !(small && state.large_last);
         if !state.large_last {
-            state.pending = Measurements { vision, gnss, ..Measurements::default() };
+            state.pending = Measurements { gnss, vision, ..Measurements::default() };
             baro_altitude_m.inspect(|altitude| self.fuse_barometer(state, Source::Barometer, altitude, now_us));
             baro_second_altitude_m
                 .inspect(|altitude| self.fuse_barometer(state, Source::BarometerSecond, altitude, now_us));
@@ -91,13 +103,19 @@ impl Estimator {
         }
         state.unaided_steps = (state.unaided_steps + 1) % UNAIDED_STEPS;
         if state.unaided_steps == 0 {
-            self.hold_together(state, now_us);
+            state.hold_together(now_us);
         }
     }
 
-    /// Fuses one group; whether it was taken.
-    fn group(&self, state: &mut EstimatorState, verdict: &mut Verdict, observations: &[Observation]) -> bool {
-        let fusion = state.filter.fuse(observations, self.config.gate_sigma);
+    /// Fuses one group, of a source that may be off by `bias` for long; whether it was taken.
+    fn group(
+        &self,
+        state: &mut EstimatorState,
+        verdict: &mut Verdict,
+        observations: &[Observation],
+        bias: f32,
+    ) -> bool {
+        let fusion = state.filter.fuse(observations, self.config.gate_sigma, bias);
         verdict.ratio = verdict.ratio.max(fusion.ratio);
         verdict.taken |= fusion.taken;
         verdict.refused |= !fusion.taken;
@@ -110,14 +128,15 @@ impl Estimator {
         };
         let (aiding, fix, mut verdict) = (&self.config.aiding, &gnss.value, Verdict::NONE);
         let speed_m_s = fix.speed_m_s.max(aiding.gnss_m_s);
-        if self.group(state, &mut verdict, &observe::velocity(&past, fix.velocity_m_s, speed_m_s)) {
+        if self.group(state, &mut verdict, &observe::velocity(&past, fix.velocity_m_s, speed_m_s), 0.0) {
             state.aided.velocity_us = now_us;
         } else if state.yields(state.aided.velocity_us, now_us, RESET_US) {
             state.filter.launch(&past, fix.velocity_m_s, speed_m_s);
             state.aided.velocity_us = now_us;
         }
         let sigma_m = (fix.horizontal_m.max(aiding.gnss_horizontal_m), fix.vertical_m.max(aiding.gnss_vertical_m));
-        self.fuse_position(state, &past, fix.position_m, sigma_m, now_us, &mut verdict);
+        let fixed = Position { measured_m: fix.position_m, sigma_m, bias_m: aiding.gnss_bias_m };
+        self.fuse_position(state, &past, &fixed, now_us, &mut verdict);
         state.record(Source::Gnss, gnss.time_us, Some(&verdict));
     }
 
@@ -127,41 +146,46 @@ impl Estimator {
         };
         let (aiding, pose, mut verdict) = (&self.config.aiding, &vision.value, Verdict::NONE);
         let sigma_rad = pose.attitude_sigma_rad.max(aiding.vision_rad);
-        if self.group(state, &mut verdict, &observe::attitude(&past, &pose.attitude, sigma_rad)) {
+        if self.group(state, &mut verdict, &observe::attitude(&past, &pose.attitude, sigma_rad), 0.0) {
             (state.aided.heading_us, state.aided.seen_us) = (now_us, now_us);
         } else if state.yields(state.aided.seen_us, now_us, RESET_US) {
             state.filter.head(observe::heading_apart(&past, &pose.attitude), sigma_rad);
             (state.aided.heading_us, state.aided.seen_us) = (now_us, now_us);
         }
         let sigma_m = pose.position_sigma_m.max(aiding.vision_m);
-        if self.fuse_position(state, &past, pose.position_m, (sigma_m, sigma_m), now_us, &mut verdict) {
+        let seen = Position { measured_m: pose.position_m, sigma_m: (sigma_m, sigma_m), bias_m: 0.0 };
+        if self.fuse_position(state, &past, &seen, now_us, &mut verdict) {
             state.aided.velocity_us = now_us;
         }
         state.record(Source::Vision, vision.time_us, Some(&verdict));
     }
 
-    /// Fuses a position, of horizontal and vertical standard deviations `sigma_m`; whether the horizontal part was taken.
+    /// Fuses a position; whether the horizontal part was taken.
     fn fuse_position(
         &self,
         state: &mut EstimatorState,
         past: &Past,
-        measured_m: Vec3<Ned>,
-        sigma_m: (f32, f32),
+        position: &Position,
         now_us: u64,
         verdict: &mut Verdict,
     ) -> bool {
-        let (horizontal_m, vertical_m) = sigma_m;
-        let placed = state.placed && self.group(state, verdict, &observe::horizontal(past, measured_m, horizontal_m));
+        let Position { measured_m, sigma_m: (horizontal_m, vertical_m), bias_m } = *position;
+        // Dead reckoning on a velocity that is known goes far.
+        let moving_known = now_us.saturating_sub(state.aided.velocity_us) < UNAIDED_US;
+        let patience_us = if moving_known { POSITION_RESET_US } else { RESET_US };
+        let placed =
+            state.placed && self.group(state, verdict, &observe::horizontal(past, measured_m, horizontal_m), bias_m);
         if placed {
             state.aided.position_us = now_us;
-        } else if !state.placed || state.yields(state.aided.position_us, now_us, RESET_US) {
+        } else if !state.placed || state.yields(state.aided.position_us, now_us, patience_us) {
             state.filter.place(past, measured_m, horizontal_m);
             (state.placed, verdict.taken, state.aided.position_us) = (true, true, now_us);
         }
-        let levelled = state.levelled && self.group(state, verdict, &observe::vertical(past, measured_m, vertical_m));
+        let levelled = state.levelled
+            && self.group(state, verdict, &observe::vertical(past, measured_m, vertical_m), 1.5 * bias_m);
         if levelled {
             state.aided.altitude_us = now_us;
-        } else if !state.levelled || state.yields(state.aided.altitude_us, now_us, RESET_US) {
+        } else if !state.levelled || state.yields(state.aided.altitude_us, now_us, patience_us) {
             state.filter.level_absolutely(past, measured_m, vertical_m, &self.config);
             (state.levelled, verdict.taken, state.aided.altitude_us) = (true, true, now_us);
         }
@@ -182,7 +206,7 @@ impl Estimator {
             state.barometer_heard = Some(source);
         }
         let offset_m = state.filter.barometer_offset_m;
-        if self.group(state, &mut verdict, &observe::barometer(&past, altitude.value, offset_m, sigma_m)) {
+        if self.group(state, &mut verdict, &observe::barometer(&past, altitude.value, offset_m, sigma_m), 0.0) {
             state.aided.altitude_us = now_us;
         } else if state.yields(state.aided.altitude_us, now_us, RESET_US) {
             state.filter.level_by_barometer(&past, altitude.value, sigma_m);
@@ -201,14 +225,13 @@ impl Estimator {
             return;
         }
         let (sigma_m, mut verdict) = (self.config.aiding.range_m + RANGE_SHARE * range.value, Verdict::NONE);
-        let ground_m = match state.filter.ground_m {
-            Some(ground_m) => ground_m,
-            None => {
-                state.filter.find_ground(&past, height_m, sigma_m);
-                past.position_m.z + height_m
-            }
+        let ground_m = if let Some(ground_m) = state.filter.ground_m {
+            ground_m
+        } else {
+            state.filter.find_ground(&past, height_m, sigma_m);
+            past.position_m.z + height_m
         };
-        if self.group(state, &mut verdict, &observe::range(&past, range.value, ground_m, sigma_m)) {
+        if self.group(state, &mut verdict, &observe::range(&past, range.value, ground_m, sigma_m), 0.0) {
             (state.ranged_us, state.aided.altitude_us) = (now_us, now_us);
         } else if state.yields(state.ranged_us, now_us, RESET_US) {
             // A step in the ground, as far as the others know the altitude.
@@ -227,7 +250,7 @@ impl Estimator {
         let Some(observations) = observe::flow(&past, &flow.value, height_m, self.config.aiding.flow_rad_s) else {
             return;
         };
-        if self.group(state, &mut verdict, &observations) {
+        if self.group(state, &mut verdict, &observations, 0.0) {
             state.aided.velocity_us = now_us;
         } else if state.yields(state.aided.velocity_us, now_us, RESET_US) {
             state.filter.launch(&past, past.velocity_m_s, ROAMING_M_S);
@@ -245,7 +268,7 @@ impl Estimator {
         let observations = observe::heading(measured_ut, self.earth, self.steep, self.config.aiding.magnetic_ut);
         let (Some(observations), false) = (observations, seen) else { return };
         let mut verdict = Verdict::NONE;
-        if self.group(state, &mut verdict, &observations) {
+        if self.group(state, &mut verdict, &observations, self.iron_rad) {
             state.aided.heading_us = now_us;
         } else if state.yields(state.aided.heading_us, now_us, HEADING_RESET_US) {
             let [Observation { innovation, variance, .. }] = observations;
@@ -254,22 +277,24 @@ impl Estimator {
         }
         state.record(Source::Magnetometer, field.time_us, Some(&verdict));
     }
+}
 
+impl EstimatorState {
     /// Keeps an unaided filter from losing its tilt and from counting beyond sense: gravity, and bounds.
-    fn hold_together(&self, state: &mut EstimatorState, now_us: u64) {
+    fn hold_together(&mut self, now_us: u64) {
         let gate = f32::MAX;
-        let filter = &mut state.filter;
-        if now_us.saturating_sub(state.aided.velocity_us) > UNAIDED_US {
+        let filter = &mut self.filter;
+        if now_us.saturating_sub(self.aided.velocity_us) > UNAIDED_US {
             let f = filter.force_m_s2;
             let weight = f.norm_squared() / (crate::GRAVITY_M_S2 * crate::GRAVITY_M_S2);
             if (0.8..1.2).contains(&weight) {
-                filter.fuse(&observe::gravity(&filter.attitude, f, ROAMING_M_S2), gate);
+                filter.fuse(&observe::gravity(&filter.attitude, f, ROAMING_M_S2), gate, 0.0);
             }
         }
         let v = observe::components(filter.nominal.velocity_m_s);
         for (axis, v) in v.into_iter().enumerate() {
             if filter.covariance.variance(VELOCITY + axis) > ROAMING_M_S * ROAMING_M_S {
-                filter.fuse(&observe::standstill(axis, v, ROAMING_M_S), gate);
+                filter.fuse(&observe::standstill(axis, v, ROAMING_M_S), gate, 0.0);
             }
             if filter.covariance.variance(POSITION + axis) > ROAMING_M * ROAMING_M {
                 filter.covariance.reset(POSITION + axis, 0.25 * ROAMING_M * ROAMING_M);

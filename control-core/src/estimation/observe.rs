@@ -24,7 +24,7 @@ use crate::measurement::Flow;
 const DOWN: usize = 2;
 
 /// Where the components of a vector are wanted by number.
-pub(crate) fn components<F>(v: Vec3<F>) -> [f32; 3] {
+pub(crate) fn components<F: Copy>(v: Vec3<F>) -> [f32; 3] {
     [v.x, v.y, v.z]
 }
 

@@ -5,7 +5,7 @@
 //! | has a value that is not a number                 | [`SourceFault::NotFinite`]      |
 //! | has a value that the part cannot measure         | [`SourceFault::OutOfRange`]     |
 //! | is not newer than the one before                 | [`SourceFault::Backwards`]      |
-//! | is newer than now                                | [`SourceFault::FromTheFuture`]  |
+//! | is newer than now by more than a millisecond     | [`SourceFault::FromTheFuture`]  |
 //! | is older than the path that is kept              | [`SourceFault::TooLate`]        |
 //! | has the bits of the ones before, too often       | [`SourceFault::Stuck`]          |
 //! | is too far from what the others say              | [`SourceFault::Disagrees`]      |
@@ -13,6 +13,9 @@
 //! A source that says nothing for longer than its [`Source::silence_us_max`] is [`SourceFault::Silent`].
 use super::history::DELAY_US_MAX;
 use core::fmt;
+
+/// How far clocks may be apart: a time stamp may be after now by this much, µs.
+const FUTURE_US: u64 = 1_000;
 
 /// What measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,6 +38,22 @@ pub enum Source {
     Flow,
     /// External vision.
     Vision,
+}
+
+impl fmt::Display for Source {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Inertial => "inertial unit",
+            Self::InertialSecond => "second inertial unit",
+            Self::Gnss => "satellite receiver",
+            Self::Barometer => "barometer",
+            Self::BarometerSecond => "second barometer",
+            Self::Magnetometer => "magnetometer",
+            Self::Range => "range",
+            Self::Flow => "optical flow",
+            Self::Vision => "external vision",
+        })
+    }
 }
 
 /// Number of sources.
@@ -132,6 +151,8 @@ pub struct SourceStatus {
 pub(crate) struct Watch {
     /// Time of the last sample that had a credible time, µs.
     last_us: u64,
+    /// When a sample of any kind last came, µs.
+    heard_us: u64,
     fingerprint: u32,
     repeats: u16,
     pub(crate) status: SourceStatus,
@@ -159,6 +180,7 @@ impl Watch {
     /// Nothing heard yet.
     pub(crate) const UNHEARD: Self = Self {
         last_us: 0,
+        heard_us: 0,
         fingerprint: 0,
         repeats: 0,
         status: SourceStatus { ratio: 0.0, taken_us: 0, taken: 0, refused: 0, refused_in_a_row: 0, fault: None },
@@ -166,6 +188,7 @@ impl Watch {
 
     /// Whether a sample may be looked at further; else it is counted and named.
     pub(crate) fn admits(&mut self, source: Source, look: &Look, now_us: u64) -> bool {
+        self.heard_us = now_us;
         let fault = self.fault_of(source, look, now_us);
         match fault {
             None => true,
@@ -177,7 +200,7 @@ impl Watch {
     }
 
     fn fault_of(&mut self, source: Source, look: &Look, now_us: u64) -> Option<SourceFault> {
-        if look.time_us > now_us {
+        if look.time_us > now_us.saturating_add(FUTURE_US) {
             return Some(SourceFault::FromTheFuture);
         }
         if look.time_us <= self.last_us {
@@ -196,7 +219,7 @@ impl Watch {
         if self.repeats >= source.repeats_max() {
             return Some(SourceFault::Stuck);
         }
-        (now_us - look.time_us > DELAY_US_MAX).then_some(SourceFault::TooLate)
+        (now_us.saturating_sub(look.time_us) > DELAY_US_MAX).then_some(SourceFault::TooLate)
     }
 
     /// Counts a sample that was not taken in.
@@ -221,7 +244,7 @@ impl Watch {
 
     /// Its status at `now_us`; a source that never spoke has no fault.
     pub(crate) fn status_at(&self, source: Source, now_us: u64) -> SourceStatus {
-        let silent = self.last_us > 0 && now_us.saturating_sub(self.last_us) > source.silence_us_max();
+        let silent = self.heard_us > 0 && now_us.saturating_sub(self.heard_us) > source.silence_us_max();
         let fault = if silent { Some(SourceFault::Silent) } else { self.status.fault };
         SourceStatus { fault, ..self.status }
     }
@@ -242,7 +265,8 @@ mod tests {
             ("infinite", NOW_US, f32::INFINITY, true, Some(SourceFault::NotFinite)),
             ("out of range", NOW_US, 1.0, false, Some(SourceFault::OutOfRange)),
             ("as old as the last", NOW_US - 600_000, 1.0, true, Some(SourceFault::Backwards)),
-            ("from the future", NOW_US + 1, 1.0, true, Some(SourceFault::FromTheFuture)),
+            ("as far ahead as clocks may be apart", NOW_US + FUTURE_US, 1.0, true, None),
+            ("from the future", NOW_US + FUTURE_US + 1, 1.0, true, Some(SourceFault::FromTheFuture)),
             ("too late", NOW_US - DELAY_US_MAX - 1, 1.0, true, Some(SourceFault::TooLate)),
         ] {
             let mut watch = Watch { last_us: NOW_US - 600_000, ..Watch::UNHEARD };

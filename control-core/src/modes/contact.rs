@@ -47,7 +47,7 @@ pub struct Facts {
     pub lift: bool,
     /// Whether the rotors have spooled up.
     pub spooled: bool,
-    /// Whether the ground has borne the machine for [`STANDING_S`].
+    /// Whether the ground has borne the machine long enough.
     pub borne: bool,
 }
 

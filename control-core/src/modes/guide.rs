@@ -268,8 +268,10 @@ impl Guide {
         let step = (-wanted_m_s - velocity_m_s.z).clamp_abs(most);
         velocity_m_s.z += step;
         acceleration_m_s2.z = step / scene.dt_s;
-        let measured = scene.estimate.position_m.z;
-        position_m.z = measured + (position_m.z + velocity_m_s.z * scene.dt_s - measured).clamp_abs(LEASH_M.1);
+        // One that is below its setpoint may be led down by the controller: only what is ahead is on a leash.
+        let led_m = position_m.z + velocity_m_s.z * scene.dt_s - scene.estimate.position_m.z;
+        let ahead = led_m * velocity_m_s.z > 0.0;
+        position_m.z = scene.estimate.position_m.z + if ahead { led_m.clamp_abs(LEASH_M.1) } else { led_m };
     }
 
     fn fly_by_sticks(&mut self, limits: &Limits, scene: &Scene) {
@@ -374,4 +376,188 @@ pub(crate) fn length(v: [f32; 2]) -> f32 {
 fn shorten(v: [f32; 2], most: f32) -> [f32; 2] {
     let long = length(v);
     if long > most { v.map(|x| x * (most / long)) } else { v }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::{Health, Sigma};
+    use crate::frames::Attitude;
+    use crate::pilot::Sticks;
+
+    const DT_S: f32 = 0.002;
+
+    fn at(position: [f32; 3], velocity: [f32; 3]) -> Estimate {
+        let v = |[x, y, z]: [f32; 3]| Vec3::new(x, y, z);
+        Estimate {
+            time_us: 0,
+            position_m: v(position),
+            velocity_m_s: v(velocity),
+            attitude: Attitude::level(),
+            rate_rad_s: Vec3::zero(),
+            specific_force_m_s2: Vec3::zero(),
+            gyro_bias_rad_s: Vec3::zero(),
+            accelerometer_bias_m_s2: Vec3::zero(),
+            sigma: Sigma::default(),
+            health: Health::default(),
+        }
+    }
+
+    fn nobody() -> Reading {
+        Reading {
+            sticks: Sticks::NEUTRAL,
+            climb: 0.0,
+            arm: true,
+            arm_rose: false,
+            mode: Mode::PositionHold,
+            mode_moved: false,
+            age_s: 0.0,
+        }
+    }
+
+    fn limits() -> Limits {
+        Limits::new(&Parameters::default(), &Airframe::paper(2.2))
+    }
+
+    const HOME: Home = Home { place_m: Some([0.0, 0.0]), down_m: Some(0.0) };
+
+    fn scene<'a>(estimate: &'a Estimate, pilot: &'a Reading) -> Scene<'a> {
+        Scene { estimate, level: Level::Position, pilot, home: HOME, offboard: None, dt_s: DT_S }
+    }
+
+    fn position(target: Target) -> Setpoint {
+        match target {
+            Target::Position(setpoint) => setpoint,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// The setpoint after `seconds` of `mode` with a machine that follows it exactly.
+    fn follow(guide: &mut Guide, mode: Mode, pilot: &Reading, start: Estimate, seconds: f32) -> (Estimate, Setpoint) {
+        let mut estimate = start;
+        let mut setpoint = None;
+        for _ in 0..(seconds / DT_S) as usize {
+            let next = position(guide.step(&limits(), mode, &scene(&estimate, pilot)));
+            (estimate.position_m, estimate.velocity_m_s) = (next.position_m, next.velocity_m_s);
+            setpoint = Some(next);
+        }
+        (estimate, setpoint.expect("a tick"))
+    }
+
+    #[test]
+    fn the_setpoint_keeps_its_limits_whatever_the_sticks_do() {
+        let limits = limits();
+        let (mut guide, mut seed) = (Guide::AT_REST, 1_u32);
+        let mut estimate = at([0.0, 0.0, -20.0], [0.0; 3]);
+        let mut pilot = nobody();
+        let mut last = position(guide.step(&limits, Mode::PositionHold, &scene(&estimate, &pilot)));
+        for tick in 0..100_000 {
+            if tick % 200 == 0 {
+                let mut draw = || {
+                    seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    (seed >> 8) as f32 / (1 << 23) as f32 - 1.0
+                };
+                pilot.sticks = Sticks { right: draw(), forward: draw(), clockwise: draw(), throttle: 0.5 };
+                pilot.climb = draw();
+            }
+            let next = position(guide.step(&limits, Mode::PositionHold, &scene(&estimate, &pilot)));
+            let change = next.velocity_m_s - last.velocity_m_s;
+            assert!(length([change.x, change.y]) <= limits.acceleration_m_s2 * DT_S * 1.001);
+            assert!(change.z.abs() <= VERTICAL_M_S2 * DT_S * 1.001);
+            assert!(length([next.velocity_m_s.x, next.velocity_m_s.y]) <= limits.speed_m_s * 1.001);
+            assert!((-limits.climb_m_s..=limits.sink_m_s).contains(&next.velocity_m_s.z));
+            let led = next.position_m - estimate.position_m;
+            assert!(length([led.x, led.y]) <= LEASH_M.0 * 1.001);
+            assert!(led.z * next.velocity_m_s.z <= 0.0 || led.z.abs() <= LEASH_M.1 * 1.001);
+            assert!(next.yaw_rad.abs() <= core::f32::consts::PI);
+            // The machine follows, badly.
+            estimate.position_m = estimate.position_m + led * 0.003;
+            last = next;
+        }
+    }
+
+    #[test]
+    fn a_mode_begins_where_the_last_one_was_or_at_the_estimate() {
+        let moving = at([5.0, -3.0, -10.0], [2.0, 1.0, -0.5]);
+        let begin = |from: Mode, to: Mode| {
+            let mut guide = Guide { mode: from, ..Guide::AT_REST };
+            guide.setpoint.position_m = Vec3::new(5.5, -3.0, -10.2);
+            position(guide.step(&limits(), to, &scene(&moving, &nobody())))
+        };
+        let near = |setpoint: Setpoint, x: f32, z: f32| {
+            let p = setpoint.position_m;
+            assert!((p.x - x).abs() < 0.01 && (p.z - z).abs() < 0.01, "{p:?}");
+        };
+        near(begin(Mode::PositionHold, Mode::Land), 5.5, -10.2);
+        near(begin(Mode::AltitudeHold, Mode::PositionHold), 5.0, -10.2);
+        near(begin(Mode::Angle, Mode::PositionHold), 5.0, -10.0);
+        near(begin(Mode::Offboard, Mode::PositionHold), 5.0, -10.0);
+        let first = begin(Mode::Angle, Mode::PositionHold);
+        assert!((first.velocity_m_s.x - 2.0).abs() < 0.01, "and as fast as it is: {first:?}");
+    }
+
+    #[test]
+    fn a_return_climbs_then_flies_home_and_stops_there() {
+        let pilot = nobody();
+        let mut guide = Guide::AT_REST;
+        let (climbed, _) = follow(&mut guide, Mode::Return, &pilot, at([30.0, 40.0, -5.0], [0.0; 3]), 4.0);
+        assert!(climbed.position_m.x > 29.9 && climbed.position_m.z < -8.0, "up first: {:?}", climbed.position_m);
+        let (home, last) = follow(&mut guide, Mode::Return, &pilot, climbed, 30.0);
+        let p = home.position_m;
+        assert!(guide.arrived() && length([p.x, p.y]) < 0.1 && (p.z + 15.0).abs() < 0.4, "{p:?}");
+        assert!(length([last.velocity_m_s.x, last.velocity_m_s.y]) < 0.2);
+    }
+
+    #[test]
+    fn a_return_near_home_or_to_a_home_nobody_knows_lands_at_once() {
+        let pilot = nobody();
+        for (place_m, position_m) in [(Some([0.0; 2]), [0.05, 0.0, -5.0]), (None, [30.0, 0.0, -5.0])] {
+            let estimate = at(position_m, [0.0; 3]);
+            let mut guide = Guide::AT_REST;
+            let unknown = Scene { home: Home { place_m, ..HOME }, ..scene(&estimate, &pilot) };
+            let setpoint = position(guide.step(&limits(), Mode::Return, &unknown));
+            assert!(guide.arrived() && (setpoint.position_m.z + 5.0).abs() < 0.01);
+        }
+    }
+
+    #[test]
+    fn landing_is_slow_near_the_ground_and_where_nobody_knows_the_ground() {
+        let limits = limits();
+        let pilot = nobody();
+        let (high, low) = (at([0.0, 0.0, -9.0], [0.0; 3]), at([0.0, 0.0, -1.0], [0.0; 3]));
+        let unknown = Scene { home: Home::default(), ..scene(&high, &pilot) };
+        for (scene, want) in [(scene(&high, &pilot), 0.7), (scene(&low, &pilot), 0.3), (unknown, 0.3)] {
+            assert_eq!(sinking_m_s(&limits, &scene), want);
+        }
+    }
+
+    #[test]
+    fn descending_is_level_and_without_altitude_a_little_less_than_the_weight() {
+        let (mut guide, limits, pilot) = (Guide::AT_REST, limits(), nobody());
+        let mut lost = at([0.0, 0.0, -9.0], [0.0; 3]);
+        lost.position_m.z = f32::NAN;
+        let blind = Scene { level: Level::Tilt, ..scene(&lost, &pilot) };
+        let Target::Angles { roll_rad, pitch_rad, lift: Lift::Thrust(n), .. } =
+            guide.step(&limits, Mode::Descend, &blind)
+        else {
+            panic!("by thrust")
+        };
+        assert!(roll_rad == 0.0 && pitch_rad == 0.0 && n > 0.8 * limits.weight_n && n < limits.weight_n);
+        let found = at([0.0, 0.0, -7.0], [0.0, 0.0, 0.5]);
+        guide.step(&limits, Mode::Descend, &Scene { level: Level::Tilt, ..scene(&found, &pilot) });
+        let Target::Angles { lift: Lift::Altitude { down_m, .. }, .. } =
+            guide.step(&limits, Mode::Descend, &scene(&found, &pilot))
+        else {
+            panic!("by altitude")
+        };
+        assert!((down_m + 7.0).abs() < 0.01, "it begins at the estimate: {down_m}");
+    }
+
+    #[test]
+    fn the_throttle_carries_the_weight_in_its_middle() {
+        let limits = limits();
+        for (throttle, want) in [(0.0, 0.0), (0.25, 0.5), (0.5, 1.0), (1.0, 2.2)] {
+            assert!((limits.thrust_n(throttle) - want * limits.weight_n).abs() < 1e-4, "{throttle}");
+        }
+    }
 }

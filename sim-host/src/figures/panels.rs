@@ -24,6 +24,13 @@ pub struct Figure {
     pub columns: usize,
 }
 
+impl Figure {
+    /// Whether a flight has anything of it: a flight that is shown the truth estimates nothing.
+    pub fn is_of(&self, log: &Log) -> bool {
+        self.panels.iter().any(|panel| !(panel.of)(log).is_empty())
+    }
+}
+
 /// A column as it is.
 macro_rules! column {
     ($title:literal, $unit:literal, $column:literal) => {
@@ -109,6 +116,25 @@ const THRUSTS: [Panel; 4] = [
     column!("Thrust of rotor 4", "N", "thrust_4_n"),
 ];
 
+const ESTIMATE: [Panel; 6] = [
+    column!("Tilt; dashed: 1 σ of an axis", "rad", "estimate_tilt_error_rad", "estimate_tilt_sigma_rad"),
+    column!("Heading; dashed: 1 σ", "rad", "estimate_heading_error_rad", "estimate_heading_sigma_rad"),
+    column!(
+        "Horizontal velocity; dashed: 1 σ of an axis",
+        "m/s",
+        "estimate_horizontal_error_m_s",
+        "estimate_horizontal_sigma_m_s"
+    ),
+    column!("Climb rate; dashed: 1 σ", "m/s", "estimate_vertical_error_m_s", "estimate_vertical_sigma_m_s"),
+    column!(
+        "Horizontal position; dashed: 1 σ of an axis",
+        "m",
+        "estimate_horizontal_error_m",
+        "estimate_horizontal_sigma_m"
+    ),
+    column!("Altitude; dashed: 1 σ", "m", "estimate_altitude_error_m", "estimate_altitude_sigma_m"),
+];
+
 const LYAPUNOV: [Panel; 8] = [
     close_up!("V of x around the fault", "m²/s²", |log| log.column("v_x")),
     close_up!("Slope of V of x", "m²/s³", |log| log.column("v_rate_x")),
@@ -121,7 +147,7 @@ const LYAPUNOV: [Panel; 8] = [
 ];
 
 /// Every figure of a report, in order.
-pub const FIGURES: [Figure; 6] = [
+pub const FIGURES: [Figure; 7] = [
     Figure { name: "overview", title: "Overview", panels: &OVERVIEW, columns: 2 },
     Figure {
         name: "trajectories",
@@ -136,6 +162,12 @@ pub const FIGURES: [Figure; 6] = [
         name: "lyapunov",
         title: "Lyapunov function V = s²/2 and its slope V̇ = s ṡ; scaled to those who survived",
         panels: &LYAPUNOV,
+        columns: 2,
+    },
+    Figure {
+        name: "estimate",
+        title: "The estimate against the truth: how wrong it is, and how wrong it says it is",
+        panels: &ESTIMATE,
         columns: 2,
     },
 ];

@@ -57,6 +57,7 @@ impl Scenario {
         self.check_noise_and_wind()?;
         self.check_faults()?;
         self.check_sensors()?;
+        self.check_autopilot()?;
         for (name, keys) in &self.controllers {
             check_gains(&format!("controllers.{name}.gains"), keys)?;
         }

@@ -29,6 +29,8 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 const BLADE_PASSAGE: f64 = 0.02;
 /// Height of the rotors' plane above the centre of mass, m.
 const ROTOR_HEIGHT_M: f64 = 0.05;
+/// How long an error must last to be steady, s.
+const STEADY_S: f64 = 1.0;
 /// Highest corner of the low-pass, over the control rate.
 const CORNER_MAX: f64 = 0.45;
 
@@ -104,6 +106,8 @@ struct Half {
     bias: Vector3<f64>,
     /// Scale error and misalignment.
     skew: Matrix3<f64>,
+    /// Mean of what bias, scale and misalignment make, over [`STEADY_S`].
+    steady: Vector3<f64>,
     noise: f64,
     low_pass: Option<LowPass>,
     sum: Vector3<f64>,
@@ -120,6 +124,7 @@ impl Half {
             broken: Broken::new(faults, sensor, index, seed),
             bias: chance.normals() * (bias * noise),
             skew: Matrix3::from_fn(|_, _| skew * noise * chance.normal()),
+            steady: Vector3::zeros(),
             low_pass: LowPass::new(unit.corner_hz, control_hz),
             sum: Vector3::zeros(),
             sheet,
@@ -132,6 +137,8 @@ impl Half {
     fn step(&mut self, truth: Vector3<f64>, vibration: Vector3<f64>, dt_s: f64) {
         self.bias += self.chance.normals() * (self.sheet.walk * self.noise * libm::sqrt(dt_s));
         let white = self.chance.normals() * (self.sheet.density * self.noise * libm::sqrt(0.5 / dt_s));
+        let error = self.skew * truth + self.bias;
+        self.steady += (error - self.steady) * (dt_s / STEADY_S);
         let signal = truth + self.skew * truth + self.bias + vibration + white;
         self.sum += match &mut self.low_pass {
             Some(low_pass) => low_pass.step(signal),
@@ -201,6 +208,11 @@ impl ImuModel {
             self.line.send(world.t_s, (!(gyro_lost | accelerometer_lost)).then_some(sample), &mut self.gyro.chance);
         }
         self.line.receive(world.t_s)
+    }
+
+    /// What it reads beyond the truth for a second and longer, vibration and faults apart: gyro, then accelerometer.
+    pub(super) fn steady_errors(&self) -> [Vector3<f64>; 2] {
+        [self.gyro.steady, self.accelerometer.steady]
     }
 
     /// Mean specific force and rates since the last tick, body axes.

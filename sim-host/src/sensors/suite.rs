@@ -13,6 +13,7 @@ use crate::fault::sensors::SensorFault;
 use crate::flight::{Stream, random_of};
 use crate::vehicle::Vehicle;
 use control_core::measurement::Measurements;
+use nalgebra::Vector3;
 
 /// Stream of what all sensors of the machine have in common, apart from those of the sensors.
 const COMMON: u8 = u8::MAX;
@@ -79,6 +80,12 @@ impl SensorSuite {
             vehicle: vehicle.clone(),
             ground_altitude_m,
         }
+    }
+
+    /// What the first inertial unit reads beyond the truth for a second and longer, vibration and faults apart, body axes: of the
+    /// gyro, rad/s, and of the accelerometer, m/s². Bias, and what errors of scale make of a steady motion.
+    pub fn inertial_errors(&self) -> Option<[Vector3<f64>; 2]> {
+        self.imus[0].as_ref().map(ImuModel::steady_errors)
     }
 
     /// What has arrived by this tick; to be called once each tick, in order.

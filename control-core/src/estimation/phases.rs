@@ -1,0 +1,116 @@
+//! The phases: waiting for rest, the filter, fixed gains, and the filter again.
+//!
+//! ```text
+//! Aligning ── rest, and a north ──────────────► Running ── a covariance or state that cannot be,
+//!    │                                             ▲        or half a second without inertial samples
+//!    └── no rest for 3 s ──► FallenBack ── 3 s ────┘                    │
+//!                                ▲──────────────────────────────────────┘
+//! ```
+use super::alignment::{self, Rest};
+use super::complementary;
+use super::filter::{Filter, Start};
+use super::quaternion::Quaternion;
+use super::sources::Source;
+use super::strapdown::Nominal;
+use super::{Aided, Estimator, EstimatorState, PIECE_S, Phase};
+use crate::frames::Vec3;
+use crate::measurement::{Imu, Stamped};
+
+/// Fixed gains have the attitude again after this long, s.
+const RECOVERY_S: f32 = 3.0;
+
+impl Estimator {
+    /// Waits for rest; starts the filter.
+    pub(super) fn align(&self, state: &mut EstimatorState, imu: &Stamped<Imu>, dt_s: f32, now_us: u64) {
+        let rate_rad_s = self.chain.step(&mut state.gyro, imu.value.rate_rad_s, now_us);
+        state.fill_fast(imu.time_us, imu.value.specific_force_m_s2, rate_rad_s);
+        let Some(rest) = state.alignment.add(&imu.value, dt_s.min(PIECE_S)) else { return };
+        let Some((rotation, heading_rad)) = self.found(state, &rest) else { return };
+        if rest.still {
+            let start = Start {
+                tilt_rad: 0.005,
+                heading_rad,
+                velocity_m_s: 0.05,
+                position_m: 0.1,
+                gyro_bias_rad_s: self.config.inertial.gyro_bias_rad_s,
+                levelled_by_accelerometer: true,
+            };
+            state.filter = Filter::new(&self.config, Nominal::at_rest(rotation, rest.rate_rad_s), &start);
+            state.phase = Phase::Running;
+        } else if rest.impatient {
+            state.filter = Filter::new(&self.config, Nominal::at_rest(rotation, Vec3::zero()), &self.thrown());
+            state.phase = Phase::FallenBack;
+            state.fallen_s = 0.0;
+        }
+        state.aided = Aided { heading_us: imu.time_us, ..Aided::default() };
+        state.stepped_us = imu.time_us;
+        state.filter.history.push(imu.time_us, &state.filter.nominal);
+    }
+
+    /// The attitude that a window shows, and how well its heading is known, rad; `None` while something better may come.
+    fn found(&self, state: &EstimatorState, rest: &Rest) -> Option<(Quaternion, f32)> {
+        let force = rest.force_m_s2;
+        if let Some(vision) = &state.pending.vision {
+            let sigma_rad = vision.value.attitude_sigma_rad.max(0.01);
+            return alignment::attitude_as_seen(force, &vision.value.attitude).map(|q| (q, sigma_rad));
+        }
+        if let Some(field) = &state.pending.magnetic_ut {
+            return alignment::attitude(force, field.value, self.earth).map(|q| (q, 0.1));
+        }
+        let any = || alignment::attitude(force, Vec3::new(1.0, 0.0, 0.0), [1.0, 0.0]);
+        rest.impatient.then(any).flatten().map(|q| (q, 1.0))
+    }
+
+    /// A step with fixed gains; tries the filter again when they have had time.
+    pub(super) fn follow(&self, state: &mut EstimatorState, time_us: u64, span_s: f32) {
+        complementary::follow_gravity(&mut state.filter, span_s);
+        let pending = core::mem::take(&mut state.pending);
+        let mut since_s = |source: Source, sample_us: u64| {
+            let watch = &mut state.watches[source as usize];
+            let since_us = sample_us.saturating_sub(watch.status.taken_us);
+            watch.take(sample_us);
+            since_us as f32 * 1e-6
+        };
+        if let Some(field) = pending.magnetic_ut {
+            let since_s = since_s(Source::Magnetometer, field.time_us);
+            let measured = state.filter.attitude.to_ned(field.value);
+            complementary::follow_field(&mut state.filter, measured, self.earth, since_s);
+            state.aided.heading_us = time_us;
+        }
+        let second = pending.baro_second_altitude_m.map(|altitude| (Source::BarometerSecond, altitude));
+        let first = pending.baro_altitude_m.map(|altitude| (Source::Barometer, altitude));
+        if let Some((source, altitude)) = first.or(second) {
+            let since_s = since_s(source, altitude.time_us);
+            if state.barometer_heard.replace(source) != Some(source) {
+                state.filter.barometer_offset_m = altitude.value + state.filter.nominal.position_m.z;
+            }
+            complementary::follow_barometer(&mut state.filter, altitude.value, since_s);
+            state.aided.altitude_us = time_us;
+        }
+        state.fallen_s += span_s;
+        if state.fallen_s > RECOVERY_S {
+            let (nominal, offset_m) = (state.filter.nominal, state.filter.barometer_offset_m);
+            state.filter = Filter::new(&self.config, nominal, &self.thrown());
+            state.filter.barometer_offset_m = offset_m;
+            state.filter.history.push(time_us, &state.filter.nominal);
+            state.phase = Phase::Running;
+            self.fuse_pending(state, time_us);
+        }
+    }
+
+    /// Gives the filter up for fixed gains, from the last estimate that was sound.
+    pub(super) fn fall_back(&self, state: &mut EstimatorState) {
+        let last = &state.estimate;
+        let mut nominal = Nominal::at_rest(Quaternion::of(&last.attitude), last.gyro_bias_rad_s);
+        (nominal.velocity_m_s, nominal.position_m) = (last.velocity_m_s, last.position_m);
+        let offset_m = state.filter.barometer_offset_m;
+        state.filter = Filter::new(&self.config, nominal, &self.thrown());
+        if offset_m.abs() < 1e4 {
+            state.filter.barometer_offset_m = offset_m;
+        }
+        state.phase = Phase::FallenBack;
+        (state.placed, state.levelled) = (false, false);
+        state.fallen_s = 0.0;
+        state.fallbacks = state.fallbacks.saturating_add(1);
+    }
+}

@@ -1,0 +1,219 @@
+//! A sortie: from the ground and back with the whole flight logic, as the board runs it.
+//!
+//! ```text
+//! truth ─► sensors ─► estimator ─► autopilot ─► motors ─► plant
+//!                                   ▲
+//!                        pilot, link, companion, board: [[event]]
+//! ```
+//!
+//! Where the scenario flies no sensors the autopilot is given the truth with `[noise]`, and all of it is healthy.
+use crate::aboard::Aboard;
+use crate::actuators::Actuators;
+use crate::flight::{Cause, Crash, Ending, Flight, Sample, Stream, Touchdown, UPRIGHT_RAD_MAX, random};
+use crate::ground::Ground;
+use crate::plant::{Actuation, Plant, RigidPlant, Truth};
+use crate::scenario::{AutopilotKeys, Event};
+use crate::sensors::{Sensors, World};
+use crate::wind::Gusts;
+use control_core::autopilot::{Autopilot, AutopilotState, Command, Step, System};
+use control_core::estimate::{Estimate, Health, Sigma};
+use control_core::frames::Vec3;
+use control_core::measurement::{Measurements, Stamped};
+use control_core::modes::Mode;
+use control_core::pilot::{PilotInput, Sticks};
+use control_core::{Config, ConfigError, GRAVITY_M_S2, Input, Output, Setpoint};
+use std::f64::consts::TAU;
+
+/// How often a hand rocks the machine, Hz, and how hard, as a share of what tips it over.
+const HAND_HZ: f64 = 3.0;
+const HAND_SHARE: f64 = 0.6;
+
+/// What is outside the autopilot, and when it last spoke.
+struct Outside<'a> {
+    events: &'a [Event],
+    now: Event,
+    pilot: Option<Stamped<PilotInput>>,
+    companion: Option<Stamped<Setpoint>>,
+    system: System,
+}
+
+impl<'a> Outside<'a> {
+    fn new(events: &'a [Event]) -> Self {
+        Self { events, now: Event::default(), pilot: None, companion: None, system: System::GOOD }
+    }
+
+    /// What is said by `t_s`; whether the wiring check begins.
+    fn step(&mut self, t_s: f64, now_us: u64, setpoint: Setpoint, measurements: &Measurements) -> bool {
+        let mut check_wiring = false;
+        while let Some((event, later)) = self.events.split_first().filter(|(event, _)| event.at_s <= t_s + 1e-9) {
+            self.now.take(event);
+            check_wiring |= event.check_wiring == Some(true);
+            self.events = later;
+        }
+        let now = &self.now;
+        if now.link != Some(false) {
+            let stick = |x: Option<f64>| x.unwrap_or(0.0) as f32;
+            let sticks = Sticks {
+                right: stick(now.right),
+                forward: stick(now.forward),
+                clockwise: stick(now.clockwise),
+                throttle: stick(now.throttle),
+            };
+            let mode = now.mode.map_or(Mode::Angle, Mode::from);
+            let value = PilotInput { sticks, arm: now.arm == Some(true), mode };
+            self.pilot = Some(Stamped { time_us: now_us, value });
+        }
+        if now.offboard == Some(true) {
+            self.companion = Some(Stamped { time_us: now_us, value: setpoint });
+        }
+        self.system = System {
+            battery_v: measurements.battery_v.map(|sample| sample.value).or(self.system.battery_v),
+            gyro_calibrated: now.gyro_calibrated != Some(false),
+            self_test_passed: now.self_test_passed != Some(false),
+            parameters_valid: now.parameters_valid != Some(false),
+            late: now.late == Some(true),
+        };
+        check_wiring
+    }
+
+    /// Torque of the hand that rocks the machine, N m.
+    ///
+    /// - `weight_torque_nm`: the weight on its arm, which tips it over.
+    fn hand_nm(&self, t_s: f64, weight_torque_nm: f64) -> f64 {
+        let rocked = self.now.rocked == Some(true);
+        if rocked { HAND_SHARE * weight_torque_nm * libm::sin(TAU * HAND_HZ * t_s) } else { 0.0 }
+    }
+}
+
+/// What the autopilot believes when it is shown the truth.
+fn shown(input: &Input, time_us: u64) -> Estimate {
+    let Input { position_m, velocity_m_s, attitude, rate_rad_s, specific_force_m_s2, .. } = *input;
+    Estimate {
+        time_us,
+        position_m,
+        velocity_m_s,
+        attitude,
+        rate_rad_s,
+        specific_force_m_s2,
+        gyro_bias_rad_s: Vec3::zero(),
+        accelerometer_bias_m_s2: Vec3::zero(),
+        sigma: Sigma::default(),
+        health: Health { rates: true, tilt: true, heading: true, altitude: true, velocity: true, position: true },
+    }
+}
+
+impl Flight<'_> {
+    /// Flies the autopilot through the events.
+    pub(crate) fn fly_sortie(
+        &self,
+        keys: &AutopilotKeys,
+        config: &Config,
+        observe: &mut dyn FnMut(&Sample),
+    ) -> Result<Option<Ending>, ConfigError> {
+        let scenario = self.scenario;
+        let vehicle = scenario.vehicle();
+        // The scenario's check has set them before.
+        let autopilot = Autopilot::try_new(config, &keys.values().unwrap_or_default())?;
+        let mut state = autopilot.state();
+        let ground = Ground { altitude_m: scenario.ground_altitude_m };
+        let mut plant = RigidPlant::standing(&vehicle, ground, ground.standing_m().unwrap_or_default());
+        let mut sensors = Sensors::new(scenario.noise, random(self.seed, Stream::Noise));
+        let mut gusts = Gusts::new(scenario.wind, random(self.seed, Stream::Wind), random(self.seed, Stream::Torque));
+        let dt_s = 1.0 / scenario.control_hz();
+        let mut actuators = Actuators::new(&vehicle, &scenario.fault, dt_s, random(self.seed, Stream::Fault)).at_rest();
+        let mut actuation = Actuation { drives: actuators.drive([0.0; 4]), gust: gusts.step(dt_s) };
+        let mut aboard = self.aboard(&vehicle, ground, &plant.truth(&actuation), &actuators);
+        let mut outside = Outside::new(&scenario.event);
+        let arm_m = vehicle.arms_m.iter().fold(0.0, |most: f64, [_, right]| most.max(right.abs()));
+        let weight_torque_nm = vehicle.mass_kg * f64::from(GRAVITY_M_S2) * arm_m;
+        let nothing = Measurements::default();
+        for tick in 0..(scenario.duration_s * scenario.control_hz()).round() as usize {
+            let t_s = tick as f64 * dt_s;
+            let target = scenario.reference.target(t_s);
+            let effectiveness = actuators.advance(t_s, &plant.rotor_n(&actuation));
+            for (drive, share) in actuation.drives.iter_mut().zip(effectiveness) {
+                drive.share = share;
+            }
+            let truth = plant.truth(&actuation);
+            let mut input = sensors.sample(&truth, actuators.vibration(), &target, dt_s);
+            let mut now_us = libm::round(t_s * 1e6) as u64;
+            let mut estimate = shown(&input, now_us);
+            if let Some(aboard) = &mut aboard {
+                let (vibration, voltage) = (actuators.vibration(), actuators.voltage());
+                let rotor_n = &plant.rotor_n(&actuation);
+                aboard.step(&World { t_s, truth: &truth, vibration, rotor_n, gust: &actuation.gust, voltage });
+                if aboard.is_flown() {
+                    now_us = aboard.clock_us(t_s);
+                    (estimate, input) = (*aboard.estimate(), aboard.input(target.setpoint()));
+                }
+            }
+            let measurements = aboard.as_ref().map_or(&nothing, Aboard::measurements);
+            if outside.step(t_s, now_us, target.setpoint(), measurements) {
+                autopilot.begin_wiring_check(&mut state);
+            }
+            let told = actuators.told();
+            autopilot.controller().report(&mut state.controller, told.reported);
+            let command = autopilot.step(
+                &mut state,
+                &Step {
+                    now_us,
+                    dt_s: dt_s as f32,
+                    estimate: &estimate,
+                    pilot: outside.pilot.as_ref(),
+                    offboard: outside.companion.as_ref(),
+                    system: &outside.system,
+                },
+            );
+            let command_n = command.motors.map(|motor| f64::from(motor) * vehicle.thrust_n_max());
+            let torque = vehicle.torque_n_m(&command_n);
+            observe(&Sample {
+                commanded: &[command_n.iter().sum(), torque.x, torque.y, torque.z],
+                tick,
+                t_s,
+                target: &target,
+                truth: &truth,
+                input: &input,
+                measurements,
+                clock_s: now_us as f64 * 1e-6,
+                estimate: Some(&estimate),
+                aboard: aboard.as_ref(),
+                estimator: aboard.as_ref().map(|aboard| aboard.telemetry(t_s)).as_ref(),
+                decision: Some(&Decision { command: &command, state: &state }),
+                output: &Output { thrust_n: command_n.map(|n| n as f32), rejected: command.rejected },
+                telemetry: &autopilot.controller().telemetry(&state.controller),
+                effectiveness: &effectiveness,
+                told: &told,
+            });
+            if let Some(cause) = self.broken(&truth) {
+                return Ok(Some(Ending::Crashed(Crash { t_s, cause })));
+            }
+            actuation.drives = actuators.drive(command_n);
+            plant.advance(&actuation, dt_s, scenario.plant_steps);
+            actuation.gust = gusts.step(dt_s);
+            actuation.gust.torque_nm.x += outside.hand_nm(t_s, weight_torque_nm);
+        }
+        Ok(None)
+    }
+
+    /// Why the machine is broken, if it is. How far it is from a setpoint says nothing here, and a pilot may fly upside down.
+    fn broken(&self, truth: &Truth) -> Option<Cause> {
+        let touchdown = Touchdown { speed_m_s: truth.impact_m_s, tilt_rad: truth.tilt_rad() };
+        let fast = touchdown.speed_m_s > self.scenario.airframe.impact_m_s_max();
+        if !(truth.position_m.norm() + truth.velocity_m_s.norm() + truth.rate_rad_s.norm()).is_finite() {
+            Some(Cause::NotFinite)
+        } else if fast || (truth.touching && touchdown.tilt_rad > UPRIGHT_RAD_MAX) {
+            Some(Cause::Ground(touchdown))
+        } else {
+            None
+        }
+    }
+}
+
+/// What the autopilot decided in a tick.
+#[derive(Clone, Copy)]
+pub struct Decision<'a> {
+    /// The command.
+    pub command: &'a Command,
+    /// The state it left.
+    pub state: &'a AutopilotState,
+}

@@ -1,0 +1,223 @@
+//! Every kind of sensor fault in a hover under the autopilot, alone and with a rotor that loses 40 % of its thrust: what is detected, what is
+//! done, and what comes of it. Printed as the tables of docs/sensor-faults.md:
+//!
+//! ```text
+//! cargo test --release -p system-tests --test sensor_failures -- --nocapture
+//! ```
+use rayon::prelude::*;
+use sim_host::chronicle::{Chronicle, Happening};
+use sim_host::controllers::ControllerName;
+use sim_host::fault::sensors::{Sensor, SensorAxis, SensorFault, SensorFaultKind};
+use sim_host::fault::{Fault, FaultKind, Profile, Rotors};
+use sim_host::flight::{Ending, Flight, NumberFormat};
+use sim_host::scenario::Scenario;
+use system_tests::shipped;
+
+/// When the sensor fails, s; when the rotor does, if it does; when the pilot lands, s.
+const SENSOR_FAILS_S: f64 = 12.0;
+const ROTOR_FAILS_S: f64 = 16.0;
+const LANDS_S: f64 = 35.0;
+/// Each is flown with so many seeds, and the worst counts.
+const SEEDS: u64 = 3;
+
+/// Sizes of a sensor's faults, in the unit of its reading, and the age of its delayed readings, s.
+struct Sizes {
+    sensor: Sensor,
+    axis: Option<SensorAxis>,
+    bias: f64,
+    drift_1_s: f64,
+    spike: f64,
+    delay_s: f64,
+}
+
+const SIZES: [Sizes; 10] = {
+    const fn sizes(sensor: Sensor, axis: Option<SensorAxis>, [bias, drift_1_s, spike, delay_s]: [f64; 4]) -> Sizes {
+        Sizes { sensor, axis, bias, drift_1_s, spike, delay_s }
+    }
+    let x = Some(SensorAxis::X);
+    [
+        sizes(Sensor::Gyro, x, [0.3, 0.05, 5.0, 0.02]),
+        sizes(Sensor::Accelerometer, x, [3.0, 0.3, 30.0, 0.02]),
+        sizes(Sensor::Baro, None, [5.0, 0.5, 20.0, 0.5]),
+        sizes(Sensor::Mag, x, [20.0, 2.0, 50.0, 0.3]),
+        sizes(Sensor::Gnss, x, [5.0, 0.5, 20.0, 0.5]),
+        sizes(Sensor::Range, None, [1.0, 0.2, 2.0, 0.2]),
+        sizes(Sensor::Flow, x, [0.5, 0.1, 3.0, 0.1]),
+        sizes(Sensor::Vision, x, [1.0, 0.2, 3.0, 0.1]),
+        sizes(Sensor::RotorSpeed, None, [300.0, 50.0, 500.0, 0.05]),
+        sizes(Sensor::Battery, None, [-2.0, -0.2, 5.0, 1.0]),
+    ]
+};
+
+/// Spikes a second, and the share of samples that an intermittent sensor loses.
+const SPIKES_1_S: f64 = 5.0;
+const LOST: f64 = 0.5;
+
+impl Sizes {
+    fn kinds(&self) -> [(SensorFaultKind, Option<SensorAxis>, String); 8] {
+        let &Self { axis, bias, drift_1_s, spike, delay_s, .. } = self;
+        [
+            (SensorFaultKind::Off, None, "off".to_owned()),
+            (SensorFaultKind::Stuck, None, "stuck".to_owned()),
+            (SensorFaultKind::Bias { offset: bias }, axis, format!("bias {bias}")),
+            (SensorFaultKind::Drift { rate: drift_1_s }, axis, format!("drift {drift_1_s}/s")),
+            (SensorFaultKind::Garbage, None, "garbage".to_owned()),
+            (SensorFaultKind::Spikes { size: spike, rate_1_s: SPIKES_1_S }, axis, format!("spikes {spike}")),
+            (SensorFaultKind::Delayed { delay_s }, None, format!("delayed {delay_s} s")),
+            (SensorFaultKind::Intermittent { loss: LOST }, None, format!("{:.0} % lost", 100.0 * LOST)),
+        ]
+    }
+
+    /// What the estimator calls it, if it looks at it.
+    fn source(&self) -> Option<&'static str> {
+        match self.sensor {
+            Sensor::Gyro | Sensor::Accelerometer => Some("inertial unit: "),
+            Sensor::Baro => Some("barometer: "),
+            Sensor::Mag => Some("magnetometer: "),
+            Sensor::Gnss => Some("satellite receiver: "),
+            Sensor::Range => Some("range: "),
+            Sensor::Flow => Some("optical flow: "),
+            Sensor::Vision => Some("external vision: "),
+            Sensor::RotorSpeed | Sensor::Battery => None,
+        }
+    }
+
+    /// The machine on which it fails.
+    fn sortie(&self) -> &'static str {
+        if self.sensor == Sensor::Vision { "sorties/spares_indoors" } else { "sorties/spares_outdoors" }
+    }
+}
+
+/// What came of one case.
+struct Outcome {
+    sensor: Sensor,
+    fault: String,
+    rotor: bool,
+    /// When it was first named after its onset, s, and as what.
+    detected: Option<(f64, String)>,
+    reactions: Vec<String>,
+    /// Largest distance from where it hovered until the pilot, or a failsafe, lets it land, m.
+    error_m: f64,
+    crashes: u64,
+}
+
+impl Outcome {
+    fn row(&self) -> String {
+        let detected =
+            self.detected.as_ref().map_or("—".to_owned(), |(after_s, what)| format!("{after_s:.2} s: {what}"));
+        let reaction = if self.reactions.is_empty() { "holds on".to_owned() } else { self.reactions.join(", ") };
+        let crashed = if self.crashes > 0 { format!("{} of {SEEDS}", self.crashes) } else { "no".to_owned() };
+        let sensor = self.sensor.as_str();
+        format!("| {sensor} | {} | {detected} | {reaction} | {:.2} | {crashed} |", self.fault, self.error_m)
+    }
+}
+
+/// Flies one case with every seed.
+fn outcome(base: &Scenario, sizes: &Sizes, kind: usize, rotor: bool) -> Outcome {
+    let (kind, axis, fault) = sizes.kinds()[kind].clone();
+    let mut scenario = base.clone();
+    let (from_s, until_s) = (SENSOR_FAILS_S, scenario.duration_s);
+    scenario.sensor_fault =
+        vec![SensorFault { kind, sensor: sizes.sensor, unit: 1, axis, from_s, until_s, profile: Profile::Step }];
+    if rotor {
+        let kind = FaultKind::LossOfEffectiveness { loss: 0.4 };
+        let (rotors, from_s) = (Rotors::new([true, false, false, false]), ROTOR_FAILS_S);
+        scenario.fault = vec![Fault { kind, rotors, from_s, until_s, profile: Profile::Step, reported: false }];
+    }
+    let mut outcome =
+        Outcome { sensor: sizes.sensor, fault, rotor, detected: None, reactions: Vec::new(), error_m: 0.0, crashes: 0 };
+    for seed in 1..=SEEDS {
+        let flight =
+            Flight { scenario: &scenario, controller: ControllerName::Default, seed, format: NumberFormat::F32 };
+        let mut chronicle = Chronicle::default();
+        let mut hovered = None;
+        let ending = flight
+            .fly(&mut |sample| {
+                chronicle.step(sample);
+                let mode = sample.decision.map(|decision| decision.command.mode);
+                let up = sample.t_s < LANDS_S && mode.is_some_and(|mode| !mode.comes_down());
+                if sample.t_s >= SENSOR_FAILS_S && up {
+                    let place = *hovered.get_or_insert(sample.truth.position_m);
+                    outcome.error_m = outcome.error_m.max((sample.truth.position_m - place).norm());
+                }
+            })
+            .expect("shipped gains are valid");
+        outcome.crashes += u64::from(matches!(ending, Some(Ending::Crashed(_))));
+        outcome.tell(sizes, chronicle.happenings());
+    }
+    outcome
+}
+
+impl Outcome {
+    /// Takes from a chronicle when the sensor was named, and what was done between then and the landing that was asked for.
+    fn tell(&mut self, sizes: &Sizes, happenings: &[Happening]) {
+        let after = happenings.iter().filter(|happening| (SENSOR_FAILS_S..LANDS_S).contains(&happening.t_s));
+        for Happening { t_s, what } in after {
+            let named = sizes.source().and_then(|source| what.strip_prefix(source));
+            let named = named.or(what.strip_prefix("failsafe: battery").map(|_| what.as_str()));
+            if let Some(text) = named.filter(|text| *text != "well again") {
+                let after_s = t_s - SENSOR_FAILS_S;
+                if self.detected.as_ref().is_none_or(|(other_s, _)| after_s < *other_s) {
+                    self.detected = Some((after_s, text.to_owned()));
+                }
+            }
+            let flown =
+                what.split_once(": ").filter(|(_, why)| why.ends_with("to fly on") || why.starts_with("failsafe"));
+            let done = flown.map(|(mode, _)| mode).or(what.strip_prefix("flies on the "));
+            if let Some(done) = done.map(str::to_owned).filter(|done| !self.reactions.contains(done)) {
+                self.reactions.push(done);
+            }
+        }
+    }
+}
+
+/// Every case of `sensors` on its machine, changed by `change`.
+fn outcomes(sensors: &[Sensor], change: impl Fn(&mut Scenario) + Sync) -> Vec<Outcome> {
+    let chosen: Vec<&Sizes> = SIZES.iter().filter(|sizes| sensors.contains(&sizes.sensor)).collect();
+    let cases: Vec<(&Sizes, usize, bool)> = [false, true]
+        .into_iter()
+        .flat_map(|rotor| chosen.iter().flat_map(move |&sizes| (0..8).map(move |kind| (sizes, kind, rotor))))
+        .collect();
+    cases
+        .into_par_iter()
+        .map(|(sizes, kind, rotor)| {
+            let mut base = shipped(sizes.sortie());
+            change(&mut base);
+            outcome(&base, sizes, kind, rotor)
+        })
+        .collect()
+}
+
+fn print(title: &str, outcomes: &[Outcome]) {
+    for (rotor, with) in [(false, "alone"), (true, "and rotor 1 loses 40 % at 16 s")] {
+        println!("\n{title}, {with}\n");
+        println!(
+            "| sensor | fault | detected after | reaction | largest error, m | crashed |\n|---|---|---|---|---|---|"
+        );
+        for outcome in outcomes.iter().filter(|outcome| outcome.rotor == rotor) {
+            println!("{}", outcome.row());
+        }
+    }
+}
+
+#[test]
+fn no_sensor_fault_crashes_a_machine_with_a_healthy_sensor_of_the_kind_it_needs() {
+    let every: Vec<Sensor> = SIZES.iter().map(|sizes| sizes.sensor).collect();
+    let outcomes = outcomes(&every, |_| {});
+    print("With spares", &outcomes);
+    let crashed: Vec<String> = outcomes.iter().filter(|outcome| outcome.crashes > 0).map(Outcome::row).collect();
+    assert!(crashed.is_empty(), "{}", crashed.join("\n"));
+}
+
+#[test]
+fn a_lone_inertial_unit_that_fails_is_named() {
+    let outcomes = outcomes(&[Sensor::Gyro, Sensor::Accelerometer], |scenario| {
+        let sensors = scenario.sensors.as_mut().expect("a kit");
+        (sensors.imus, sensors.baros) = (1, 1);
+    });
+    print("With a single inertial unit", &outcomes);
+    for outcome in outcomes.iter().filter(|outcome| ["off", "stuck", "garbage"].contains(&outcome.fault.as_str())) {
+        let (after_s, _) = outcome.detected.as_ref().unwrap_or_else(|| panic!("{}", outcome.row()));
+        assert!(*after_s < 0.1, "{}", outcome.row());
+    }
+}
