@@ -9,8 +9,6 @@ use std::sync::OnceLock;
 
 #[cfg(feature = "emulated")]
 pub mod aloft;
-#[cfg(feature = "emulated")]
-pub mod aloft;
 pub mod bench;
 #[cfg(feature = "emulated")]
 pub mod emulator;
