@@ -3,7 +3,8 @@ use std::path::PathBuf;
 use std::{env, fs, io};
 
 fn main() -> io::Result<()> {
-    let memory = "../memory.x";
+    // The default board's is where people look for it.
+    let memory = if env::var_os("CARGO_FEATURE_ORBIT_H743").is_some() { "memory_h743.x" } else { "../memory.x" };
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rerun-if-changed={memory}");
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {

@@ -1,9 +1,10 @@
-//! Faults: motors first, then a word to the log, then nothing.
+//! Faults: motors first, then a word to the log and one to RAM that no reset clears, then nothing until the watchdog resets.
 //!
-//! No reset: it would hide what happened, and an aircraft that has lost its program must not come back by itself.
-//! A line is lost if it interrupts another one half-way; the motors' cut is not.
+//! After a reset the machine is disarmed and stays so until the pilot arms it: an aircraft that has lost its program does
+//! not come back by itself. What was kept is logged at the next start.
+use core::fmt::{self, Write};
 use core::panic::PanicInfo;
-use core::sync::atomic::{AtomicBool, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
 use cortex_m::asm;
 use cortex_m::interrupt;
@@ -13,6 +14,51 @@ use crate::board;
 
 /// Whether a fault is being handled: one within its own handling must not log again.
 static FAULTED: AtomicBool = AtomicBool::new(false);
+
+/// Bytes of a message that are kept.
+const KEPT: usize = 120;
+/// What marks a message that was kept; RAM is random at power-up.
+const MARK: u32 = 0x6661_756c;
+
+#[unsafe(link_section = ".uninit.fault_mark")]
+static MARKED: AtomicU32 = AtomicU32::new(0);
+#[unsafe(link_section = ".uninit.fault_message")]
+static MESSAGE: [AtomicU8; KEPT] = [const { AtomicU8::new(0) }; KEPT];
+
+/// Writes a message where no reset clears it; what does not fit is cut off.
+struct Kept(usize);
+
+impl Write for Kept {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        for (place, byte) in MESSAGE.iter().skip(self.0).zip(text.bytes()) {
+            place.store(byte, Ordering::Relaxed);
+            self.0 += 1;
+        }
+        Ok(())
+    }
+}
+
+/// Keeps a message for the next start.
+fn keep(message: fmt::Arguments) {
+    for place in &MESSAGE {
+        place.store(0, Ordering::Relaxed);
+    }
+    // Writing cannot fail.
+    let _ = Kept(0).write_fmt(message);
+    MARKED.store(MARK, Ordering::Release);
+}
+
+/// Logs what was kept before this start, once.
+pub(crate) fn report() {
+    if MARKED.swap(0, Ordering::Relaxed) != MARK {
+        return;
+    }
+    let bytes: [u8; KEPT] = core::array::from_fn(|n| MESSAGE[n].load(Ordering::Relaxed));
+    let length = bytes.iter().position(|&byte| byte == 0).unwrap_or(KEPT);
+    // Text that was cut within a character ends before it.
+    let text = bytes[..length].utf8_chunks().next().map_or("", |chunk| chunk.valid());
+    defmt::error!("before this start: {=str}", text);
+}
 
 /// Stops everything that moves; returns whether this is the first fault.
 fn stop() -> bool {
@@ -28,6 +74,7 @@ fn stop() -> bool {
 fn panic(info: &PanicInfo) -> ! {
     if stop() {
         defmt::error!("{}", defmt::Display2Format(info));
+        keep(format_args!("{info}"));
     }
     // A probe catches this and shows the call stack; without one, `HardFault` below is the end.
     asm::udf();
@@ -44,6 +91,7 @@ fn defmt_panic() -> ! {
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     if stop() {
         defmt::error!("hard fault at {=u32:#010x}, called from {=u32:#010x}", frame.pc(), frame.lr());
+        keep(format_args!("hard fault at {:#010x}, called from {:#010x}", frame.pc(), frame.lr()));
     }
     halt()
 }
@@ -53,6 +101,7 @@ unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
 unsafe fn DefaultHandler(number: i16) -> ! {
     if stop() {
         defmt::error!("unexpected interrupt {=i16}", number);
+        keep(format_args!("unexpected interrupt {number}"));
     }
     halt()
 }

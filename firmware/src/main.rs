@@ -1,16 +1,22 @@
-//! The flight image for the STM32F405: one control task above everything, one log task below it.
+//! The flight image: one control task above everything, radio, battery and log below it.
 //!
-//! **No motor can turn.** There are no sensors yet and no arming: the core flies on synthetic sensors, the pulses its
-//! thrusts would give are computed and logged, and the motor outputs send the stop pulse from power-up on. The board
-//! has no function that sends another ([`board::Motors`]).
+//! Estimator and autopilot are the core's; what the control task calls between reading and writing is one function that
+//! the host tests too (`firmware::flight`). No motor turns unless the autopilot is armed.
 //!
-//! Only `board/` names pins, timers and interrupts; only `tasks.rs` knows time; what needs neither is in the library.
+//! Only `board/` names pins, timers and interrupts; only `tasks.rs` and `imu.rs` know time; what needs neither is in the
+//! library.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
+#[cfg(target_os = "none")]
+mod black_box;
 #[cfg(target_os = "none")]
 mod board;
 #[cfg(target_os = "none")]
 mod fault;
+#[cfg(target_os = "none")]
+mod imu;
+#[cfg(target_os = "none")]
+mod motors;
 #[cfg(target_os = "none")]
 mod tasks;
 

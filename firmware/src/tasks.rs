@@ -1,24 +1,38 @@
-//! The two tasks, and the line between them.
+//! The tasks, and the lines between them.
 //!
 //! ```text
-//! TIM5 ─► control task, interrupt executor ── one report a second, lock-free queue ─► log task, thread executor
+//! data ready ─► control, interrupt executor ─┬─► motors
+//!                  ▲                         └─ one report a second, lock-free queue ─► log, thread executor
+//!                  └─ newest of each ─ radio and battery, thread executor
 //! ```
 //!
-//! Control preempts the log at any instruction: the queue takes no lock and a log line masks no interrupt. What is left
-//! to delay it are the executors' own critical sections, some dozens of cycles.
-use control_core::{Airframe, Axis, Config, Controller, Input, Law, Output, State};
+//! Control preempts the others at any instruction. What is left to delay it are critical sections of some dozens of cycles.
+use control_core::measurement::{Measurements, Stamped};
+use control_core::parameters::Parameters;
+use control_core::pilot::PilotInput;
 use cortex_m::peripheral::DWT;
 use cortex_m::singleton;
 use defmt_rtt as _;
 use embassy_executor::Spawner;
-use embassy_time::{Duration, Instant, Ticker, Timer};
+use embassy_stm32::gpio::Level;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+use embassy_time::{Duration, Instant, Ticker};
 use heapless::spsc::{Consumer, Producer, Queue};
 
-use crate::board::{self, Board, Motors, Status};
+use crate::black_box;
+use crate::board::{self, BATTERY_DIVIDER, Battery, Board, RADIO_BUFFER, Radio, STATUS_ON, Status, Watchdog};
+use crate::fault;
+use crate::imu::Imu;
+use crate::motors::Motors;
+use firmware::battery::volts;
+use firmware::crsf::Receiver;
+use firmware::flight::{Arrived, Command, Flight};
+use firmware::icm42688::{SAMPLE_HZ, WHO_AM_I};
 use firmware::pace::Pace;
-use firmware::pulse::Pulse;
+use firmware::pilot;
+use firmware::record::Record;
 use firmware::report::{Report, Tally};
-use firmware::synthetic;
 
 /// Reports that may wait for the log: it would have to hang for as many seconds to miss one.
 const REPORTS: usize = 4;
@@ -27,84 +41,94 @@ type Reports = Queue<Report, { REPORTS + 1 }>;
 type Reporter = Producer<'static, Report>;
 type Reader = Consumer<'static, Report>;
 
-/// Thrust over weight of the airframe that is flown.
-const THRUST_TO_WEIGHT: f32 = 2.2;
+/// The newest of what arrives slowly.
+type Newest<T> = Signal<CriticalSectionRawMutex, Stamped<T>>;
+static PILOT: Newest<PilotInput> = Signal::new();
+static BATTERY_V: Newest<f32> = Signal::new();
 
-/// Brings up the board and starts both tasks.
+/// Time after which a step is made without an inertial sample: three of its periods.
+const IMU_WAIT: Duration = Duration::from_micros((3e6 / SAMPLE_HZ) as u64);
+/// Time within which a step must be done, once it has begun: its period.
+const STEP_US_MAX: u64 = (1e6 / SAMPLE_HZ) as u64;
+/// Battery readings a second.
+const BATTERY_HZ: u64 = 10;
+
+/// Brings up the board and starts the tasks.
 ///
 /// # Panics
 /// If the configuration is refused or a task is started twice: both before a motor could turn.
 pub(crate) fn start(spawner: Spawner) {
-    let Board { motors, status } = board::init();
+    let radio_buffer = singleton!(: board::RadioBuffer = RADIO_BUFFER).expect("start runs once");
+    let board = board::init(radio_buffer);
+    let Board { motors, imu_bus, imu_select, imu_ready, radio, battery, status, watchdog, bitten } = board;
     start_cycle_counter();
-    defmt::info!("{=str}: synthetic sensors, no arming: motors are held at the stop pulse", board::NAME);
+    defmt::info!("{=str}", board::NAME);
+    fault::report();
+    if bitten {
+        defmt::error!("the watchdog has reset the chip: no step was done in time, or a fault had stopped all");
+    }
 
     let reports: &'static mut Reports = singleton!(: Reports = Queue::new()).expect("start runs once");
     let (producer, consumer) = reports.split();
-    let flight = Flight::new();
-    let control = control(flight, motors, producer).expect("control is started once");
+    // Not `expect`: printing a float in text would add 30 KB to the image.
+    let flight = Flight::try_new(&Parameters::default())
+        .unwrap_or_else(|e| defmt::panic!("{=str}.{=str} = {=f32} cannot fly", e.name[0], e.name[1], e.value));
+    let imu = Imu::new(imu_bus, imu_select, imu_ready);
+    let control = control(flight, imu, Motors::new(motors), watchdog, producer).expect("control is started once");
     board::start_control_executor().spawn(control);
+    spawner.spawn(listen(radio).expect("listen is started once"));
+    spawner.spawn(measure_battery(battery).expect("measure_battery is started once"));
     spawner.spawn(log(consumer, status).expect("log is started once"));
 }
 
-/// The core and what it flies.
-struct Flight {
-    airframe: Airframe,
-    control_hz: f32,
-    controller: Controller,
-    state: State,
-}
-
-impl Flight {
-    fn new() -> Self {
-        let airframe = Airframe::paper(THRUST_TO_WEIGHT);
-        // Not `Config::tolerant`: synthetic sensors do not answer the rotors, and it would find them all at fault.
-        let config = Config::flight(Law::Lgs, airframe);
-        // Not `expect`: printing a float in text would add 30 KB to the image.
-        let controller = Controller::try_new(&config).unwrap_or_else(|e| {
-            defmt::panic!("{=str}.{=str} = {=f32}, allowed: {=str}", e.part, e.field, e.value, e.allowed)
-        });
-        let state = controller.hover_state();
-        Self { airframe, control_hz: config.control_hz, controller, state }
-    }
-
-    /// Ticks the core; returns also what that cost, in cycles.
-    fn tick(&mut self, input: &Input) -> (&Output, u32) {
-        let start = DWT::cycle_count();
-        let output = self.fly(input);
-        (output, DWT::cycle_count().wrapping_sub(start))
-    }
-
-    fn altitude_gains(&self) -> [f32; 3] {
-        self.controller.telemetry(&self.state).axes[Axis::Z as usize].gains
-    }
-
-    /// Not inlined, so that the cycle counter's reads enclose all of the tick and nothing else.
-    #[inline(never)]
-    fn fly(&mut self, input: &Input) -> &Output {
-        self.controller.tick(&mut self.state, input)
-    }
-}
-
-/// Reads, calls the core, writes: at the control rate, above everything but the clock.
+/// Reads, calls the core, writes: at each inertial sample, above everything but drivers and the clock.
 #[embassy_executor::task]
-async fn control(mut flight: Flight, mut motors: Motors, mut reports: Reporter) -> ! {
-    let airframe = flight.airframe;
-    let mut tally = Tally::new(flight.control_hz);
-    let mut pace = Pace::new(flight.control_hz, now_us());
+async fn control(
+    mut flight: Flight,
+    mut imu: Imu,
+    mut motors: Motors,
+    mut watchdog: Watchdog,
+    mut reports: Reporter,
+) -> ! {
+    let who = imu.start().await;
+    if who != WHO_AM_I.1 {
+        defmt::error!("the inertial unit says it is {=u8:#04x}, expected {=u8:#04x}", who, WHO_AM_I.1);
+    }
+    let self_test_passed = who == WHO_AM_I.1;
+    let mut tally = Tally::new(SAMPLE_HZ);
+    let mut pace = Pace::new(SAMPLE_HZ, now_us());
+    let (mut number, mut late) = (0_u32, false);
+    watchdog.unleash();
     loop {
-        Timer::at(Instant::from_micros(pace.due_us())).await;
-        let time_us = now_us();
-        let input = synthetic::sample(time_us, pace.start(time_us));
-        let (output, cycles) = flight.tick(&input);
-        motors.stop();
-        let pulses = Pulse::from_thrusts(output.thrust_n, &airframe);
-        tally.tick(&input, output, pulses, cycles);
-        if let Some(report) = tally.close(pace.finish(now_us())) {
-            let report = Report { altitude_gains: flight.altitude_gains(), ..report };
+        let ready = imu.wait(IMU_WAIT).await;
+        let (time_us, started) = (now_us(), DWT::cycle_count());
+        let measurements = read(&mut imu, ready, time_us).await;
+        let arrived = Arrived { measurements, pilot: PILOT.try_take(), late, self_test_passed };
+        let command = flight.step(time_us, &arrived);
+        motors.write(command).await;
+        number = number.wrapping_add(1);
+        black_box::keep(&Record { step: number, time_us, arrived, command });
+        tally.step(measurements.imu.is_some(), command, DWT::cycle_count().wrapping_sub(started));
+        let done_us = now_us();
+        late = pace.finish(done_us);
+        // By what the step took, not by when it came: an inertial unit that is gone is no reason to reset in the air.
+        if done_us.saturating_sub(time_us) < STEP_US_MAX {
+            watchdog.pet();
+        }
+        if let Some(report) = tally.close(late) {
             // A full queue means that the log hangs, and then there is nobody to tell.
             let _ = reports.enqueue(report);
         }
+    }
+}
+
+/// Everything that the sensors have said since the last look.
+async fn read(imu: &mut Imu, ready: bool, time_us: u64) -> Measurements {
+    let value = if ready { imu.read().await } else { None };
+    Measurements {
+        imu: value.map(|value| Stamped { time_us, value }),
+        battery_v: BATTERY_V.try_take(),
+        ..Measurements::default()
     }
 }
 
@@ -112,26 +136,58 @@ fn now_us() -> u64 {
     Instant::now().as_micros()
 }
 
+/// Listens to the radio receiver.
+#[embassy_executor::task]
+async fn listen(mut radio: Radio) -> ! {
+    let mut receiver = Receiver::new();
+    let mut bytes = [0; 64];
+    loop {
+        // After noise or an overrun the line is listened to anew: frames have checksums.
+        if let Ok(count) = radio.read(&mut bytes).await
+            && let Some(channels) = receiver.push(&bytes[..count])
+        {
+            PILOT.signal(Stamped { time_us: now_us(), value: pilot::input(&channels) });
+        }
+    }
+}
+
+/// Measures the battery.
+#[embassy_executor::task]
+async fn measure_battery(mut battery: Battery) -> ! {
+    let mut ticker = Ticker::every(Duration::from_hz(BATTERY_HZ));
+    loop {
+        ticker.next().await;
+        BATTERY_V.signal(Stamped { time_us: now_us(), value: volts(battery.counts(), BATTERY_DIVIDER) });
+    }
+}
+
 /// Writes a line for each report and blinks: below everything.
 #[embassy_executor::task]
 async fn log(mut reports: Reader, mut status: Status) -> ! {
     let mut second = Ticker::every(Duration::from_secs(1));
+    let mut on = false;
     loop {
         second.next().await;
-        status.toggle();
+        on = !on;
+        status.set_level(if on { STATUS_ON } else { inverse(STATUS_ON) });
         while let Some(report) = reports.dequeue() {
             write(&report);
         }
     }
 }
 
+fn inverse(level: Level) -> Level {
+    if level == Level::Low { Level::High } else { Level::Low }
+}
+
 fn write(report: &Report) {
-    let Report { ticks, late, rejected, cycles_max, altitude_error_m_max, .. } = *report;
-    let [k_p, k_i, k_d] = report.altitude_gains;
-    let [m1, m2, m3, m4] = report.pulses.map(Pulse::us);
-    defmt::info!("ticks {=u32}, late {=u32}, rejected {=u32}, worst {=u32} cycles", ticks, late, rejected, cycles_max);
-    defmt::info!("altitude error within {=f32} m, gains {=f32} {=f32} {=f32}", altitude_error_m_max, k_p, k_i, k_d);
-    defmt::info!("motors stopped; armed they would get {=u16} {=u16} {=u16} {=u16} us", m1, m2, m3, m4);
+    let Report { steps, late, blind, cycles_max, hash, command } = *report;
+    defmt::info!("steps {=u32}, late {=u32}, blind {=u32}", steps, late, blind);
+    defmt::info!("data ready to frames sent: worst {=u32} cycles; commands so far {=u32:08x}", cycles_max, hash);
+    match command {
+        Command::Stop => defmt::info!("motors stand"),
+        Command::Run([m1, m2, m3, m4]) => defmt::info!("motors {=f32} {=f32} {=f32} {=f32}", m1, m2, m3, m4),
+    }
 }
 
 /// Starts the counter behind `DWT::cycle_count`.

@@ -7,7 +7,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::OnceLock;
 
+#[cfg(feature = "emulated")]
+pub mod aloft;
 pub mod bench;
+#[cfg(feature = "emulated")]
+pub mod emulator;
 pub mod estimation;
 pub mod garbage;
 pub mod motion;

@@ -1,4 +1,4 @@
-//! Size of the flight image against its budgets.
+//! Size of the flight image of each board against its budgets.
 use crate::workspace::Workspace;
 use anyhow::{Context, Result, bail, ensure};
 use object::elf::{SHF_ALLOC, SHF_WRITE, SHT_NOBITS};
@@ -15,12 +15,28 @@ struct Budget {
     ratchet: u64,
 }
 
-/// At most a quarter of the STM32F405's.
-const FLASH: Budget = Budget { name: "flash", bytes_max: 256 * KIB, ratchet: 96 * KIB };
-/// At most half of the STM32F405's. Without the stack, which has the rest.
-const RAM: Budget = Budget { name: "RAM", bytes_max: 64 * KIB, ratchet: 16 * KIB };
+/// A board, with what its image may take. RAM is without the stack, which has the rest.
+struct Board {
+    /// Its feature of the package `firmware`.
+    feature: &'static str,
+    flash: Budget,
+    ram: Budget,
+}
 
-const _: () = assert!(FLASH.ratchet <= FLASH.bytes_max && RAM.ratchet <= RAM.bytes_max);
+/// Every board, the default one last, for all leave their image in the same place.
+const BOARDS: [Board; 2] = [
+    Board {
+        feature: "orbit-h743",
+        flash: Budget { name: "flash", bytes_max: 512 * KIB, ratchet: 208 * KIB },
+        ram: Budget { name: "RAM", bytes_max: 128 * KIB, ratchet: 32 * KIB },
+    },
+    // A quarter of the STM32F405's flash, half of its RAM.
+    Board {
+        feature: "speedybee-f405-v4",
+        flash: Budget { name: "flash", bytes_max: 256 * KIB, ratchet: 192 * KIB },
+        ram: Budget { name: "RAM", bytes_max: 64 * KIB, ratchet: 32 * KIB },
+    },
+];
 
 /// Without these there is no image: a linker script that was not found leaves an ELF all the same.
 const REQUIRED: [&str; 2] = [".vector_table", ".text"];
@@ -33,19 +49,23 @@ struct Footprint {
 }
 
 pub(crate) fn run(workspace: &Workspace) -> Result<()> {
-    let elf = workspace.build_image("firmware")?;
+    BOARDS.iter().try_for_each(|board| weigh(workspace, board).with_context(|| board.feature))
+}
+
+fn weigh(workspace: &Workspace, board: &Board) -> Result<()> {
+    let elf = workspace.build_image_with("firmware", &["--no-default-features", "--features", board.feature])?;
     let footprints = footprints(&workspace.shell.read_binary_file(&elf)?)
         .with_context(|| format!("{} cannot be read", elf.display()))?;
     for required in REQUIRED {
         let found = footprints.iter().any(|section| section.name == required);
         ensure!(found, "{} has no {required}: it would not boot", elf.display());
     }
-    println!("{:<16} {:>8} {:>8}", "section", FLASH.name, RAM.name);
+    println!("{:<20} {:>8} {:>8}", board.feature, board.flash.name, board.ram.name);
     for Footprint { name, flash, ram } in &footprints {
-        println!("{name:<16} {flash:>8} {ram:>8}");
+        println!("{name:<20} {flash:>8} {ram:>8}");
     }
-    FLASH.check(footprints.iter().map(|section| section.flash).sum())?;
-    RAM.check(footprints.iter().map(|section| section.ram).sum())
+    board.flash.check(footprints.iter().map(|section| section.flash).sum())?;
+    board.ram.check(footprints.iter().map(|section| section.ram).sum())
 }
 
 /// The sections that take memory on the board.

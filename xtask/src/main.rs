@@ -1,6 +1,7 @@
 //! What CI and people run: `cargo xtask`, one module a command.
 mod count;
 mod determinism;
+mod emulate;
 mod fw;
 mod lint;
 mod setup;
@@ -29,6 +30,8 @@ enum Command {
     Lint,
     /// Build the flight image and hold its flash and RAM against their budgets.
     Fw,
+    /// Boot the flight image on the emulator and print its decoded log.
+    FlyImage(emulate::Options),
     /// Count the instructions of a control tick on an emulated Cortex-M4F.
     Count,
     /// Fly the same flight in debug and release builds; every log must have the same bytes.
@@ -42,6 +45,7 @@ fn main() -> ExitCode {
         Command::Setup => setup::run(&workspace),
         Command::Lint => lint::run(&workspace),
         Command::Fw => fw::run(&workspace),
+        Command::FlyImage(options) => emulate::run(&workspace, options),
         Command::Count => count::run(&workspace),
         Command::Determinism => determinism::run(&workspace),
     });

@@ -28,8 +28,11 @@ pub(crate) fn run(workspace: &Workspace) -> Result<()> {
 }
 
 fn tests(workspace: &Workspace) -> Result<()> {
+    // All features: the image in the emulator is one.
     workspace.cargo(&["test", "--quiet", "--all-features"]).run()?;
     // Not a default member; what needs no hardware is tested on the host.
     workspace.cargo(&["test", "--quiet", "--package", "firmware", "--lib"]).run()?;
+    // In release, for its other user, `fly-image`, builds Unicorn in release too.
+    workspace.cargo(&["test", "--quiet", "--release", "--package", "emulator", "--lib"]).run()?;
     Ok(())
 }

@@ -32,7 +32,12 @@ impl Workspace {
 
     /// Builds a package for the board; returns its ELF, which has the package's name.
     pub(crate) fn build_image(&self, package: &str) -> Result<PathBuf> {
-        self.cargo(&["build", "--package", package, "--profile", PROFILE, "--target", TARGET]).run()?;
+        self.build_image_with(package, &[])
+    }
+
+    /// The same, with more arguments to cargo.
+    pub(crate) fn build_image_with(&self, package: &str, arguments: &[&str]) -> Result<PathBuf> {
+        self.cargo(&["build", "--package", package, "--profile", PROFILE, "--target", TARGET]).args(arguments).run()?;
         Ok(self.target_dir.join(TARGET).join(PROFILE).join(package))
     }
 
@@ -43,6 +48,11 @@ impl Workspace {
         let profile: &[&str] = if release { &["--release"] } else { &[] };
         self.cargo(&["build", "--package", "sim-host"]).args(profile).run()?;
         Ok(self.target_dir.join(if release { "release" } else { "debug" }).join("sim-host"))
+    }
+
+    /// Where the release build of a package's executable is.
+    pub(crate) fn executable(&self, package: &str) -> PathBuf {
+        self.target_dir.join("release").join(package)
     }
 
     /// A fresh folder for the results of a command.

@@ -1,5 +1,11 @@
-//! The board this image is for. Another board is another file here with the same items, selected below; its flash and
-//! RAM go to `memory.x`.
-mod speedybee_f405_v3;
+//! The board this image is for, chosen by a feature. Another board is another file here with the same items, a feature in
+//! `Cargo.toml`, and its flash and RAM (docs/boards.md).
+#[cfg(feature = "orbit-h743")]
+mod orbit_h743;
+#[cfg(feature = "speedybee-f405-v4")]
+mod speedybee_f405_v4;
 
-pub(crate) use speedybee_f405_v3::{Board, Motors, NAME, Status, cut_motors, init, start_control_executor};
+#[cfg(feature = "orbit-h743")]
+pub(crate) use orbit_h743::*;
+#[cfg(feature = "speedybee-f405-v4")]
+pub(crate) use speedybee_f405_v4::*;

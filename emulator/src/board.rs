@@ -1,0 +1,103 @@
+//! The board: a SpeedyBee F405 V4, what is soldered to the chip's pins.
+//!
+//! | part                   | pins                               |
+//! |------------------------|------------------------------------|
+//! | inertial unit          | SPI1, select PA4, INT1 PC4         |
+//! | speed controllers      | TIM4 CH1 PB6, CH2 PB7; TIM3 CH3 PB0, CH4 PB1 |
+//! | radio receiver         | USART2                             |
+//! | battery, through 1 : 11 | ADC1 channel 10                   |
+//!
+//! # Source
+//! As `firmware/src/board/speedybee_f405_v4.rs`, where it is cited.
+use crate::device::esc::{Esc, Heard};
+use crate::device::icm42688::Icm42688;
+use crate::peripheral::timer::Pulse;
+
+/// Frequency of the crystal, Hz.
+pub(crate) const HSE_HZ: u64 = 8_000_000;
+/// Cycles of the core in a microsecond, once its clock is set: devices have clocks of their own and begin after that.
+pub(crate) const CYCLES_US: u64 = 168;
+/// Port and pin of the inertial unit's select line and of its data-ready line.
+pub(crate) const IMU_SELECT: (usize, u32) = (0, 4);
+pub(crate) const IMU_READY: (usize, u32) = (2, 4);
+/// The port of the radio receiver, counted from zero.
+pub(crate) const RADIO: usize = 1;
+/// Timer and channel, port and pin of each motor; all are that pin's alternate function 2.
+pub(crate) const MOTORS: [(usize, usize, (usize, u32)); 4] =
+    [(4, 0, (1, 6)), (4, 1, (1, 7)), (3, 2, (1, 0)), (3, 3, (1, 1))];
+pub(crate) const MOTOR_FUNCTION: u32 = 2;
+const BATTERY_CHANNEL: u32 = 10;
+const BATTERY_DIVIDER: f32 = 11.0;
+const REFERENCE_V: f32 = 3.3;
+
+/// Devices, and what was seen of them.
+#[derive(Debug)]
+pub(crate) struct Board {
+    pub(crate) imu: Icm42688,
+    pub(crate) escs: [Esc; 4],
+    pub(crate) battery_v: f32,
+    /// Whether the chip no longer sees the data-ready line.
+    pub(crate) ready_line_broken: bool,
+    /// When the last sample became ready, core cycles.
+    ready_at: u64,
+    /// Longest time from a sample to the first frame that was through after it, core cycles.
+    pub(crate) latency_max: u64,
+}
+
+impl Board {
+    pub(crate) fn new() -> Self {
+        Self {
+            imu: Icm42688::new(CYCLES_US),
+            escs: [Esc::default(); 4],
+            battery_v: 16.8,
+            ready_line_broken: false,
+            ready_at: 0,
+            latency_max: 0,
+        }
+    }
+
+    /// Tells the inertial unit how the body moves: forward, right, down.
+    pub(crate) fn move_body(&mut self, force_m_s2: [f32; 3], rate_rad_s: [f32; 3]) {
+        // Its x is right, its y forward, its z up.
+        let part = |[forward, right, down]: [f32; 3]| [right, forward, -down];
+        self.imu.feel(part(force_m_s2), part(rate_rad_s));
+    }
+
+    /// Answers a word on a bus.
+    pub(crate) fn exchange(&mut self, spi: usize, word: u16, now: u64) -> u16 {
+        if spi == 0 { self.imu.exchange(word as u8, now).into() } else { u16::MAX }
+    }
+
+    /// What is due; the new level of the data-ready line, if that changes.
+    pub(crate) fn event(&mut self, now: u64) -> Option<bool> {
+        let level = self.imu.event(now);
+        if level == Some(true) {
+            self.ready_at = now;
+        }
+        level.filter(|_| !self.ready_line_broken)
+    }
+
+    /// A pulse on a motor's line.
+    pub(crate) fn pulse(&mut self, motor: usize, pulse: Pulse) {
+        let esc = &mut self.escs[motor];
+        let good = esc.good;
+        esc.hear(pulse, CYCLES_US);
+        if esc.good > good && self.ready_at > 0 {
+            self.latency_max = self.latency_max.max(esc.through_at - self.ready_at);
+        }
+    }
+
+    /// What the converter reads, 12 bits.
+    pub(crate) fn convert(&self, channel: u32) -> u32 {
+        let volts = if channel == BATTERY_CHANNEL { self.battery_v / BATTERY_DIVIDER } else { 0.0 };
+        (volts / REFERENCE_V * 4_095.0).round().clamp(0.0, 4_095.0) as u32
+    }
+
+    /// What each speed controller was told last: a DShot value, or microseconds of a pulse.
+    pub(crate) fn told(&self) -> [Option<u16>; 4] {
+        self.escs.map(|esc| match esc.heard {
+            Heard::Nothing => None,
+            Heard::Value(value) | Heard::PulseUs(value) => Some(value),
+        })
+    }
+}

@@ -1,0 +1,146 @@
+//! What the chip does when something has happened: interrupt lines, events that are due, and the devices at its pins.
+use super::{Chip, IWDGRSTF, TIMERS};
+use crate::board;
+use crate::nvic;
+use crate::peripheral::NEVER;
+use crate::peripheral::gpio::Mode;
+use crate::peripheral::iwdg::Iwdg;
+use crate::unit::Unit;
+
+impl Chip {
+    /// Brings the interrupt lines of a unit and the time of its next event up to date.
+    pub(super) fn refresh(&mut self, unit: Unit) {
+        let t = self.tick(unit);
+        let mut next = NEVER;
+        match unit {
+            Unit::Core => next = self.systick.next(),
+            Unit::Exti => {
+                for (irq, high) in self.exti.interrupts() {
+                    self.nvic.set_line(irq, high);
+                }
+            }
+            Unit::Iwdg => next = self.iwdg.next(),
+            Unit::Timer(n) => {
+                let high = self.timers[n].interrupts();
+                for &irq in timer_interrupts(TIMERS[n]) {
+                    self.nvic.set_line(irq, high);
+                }
+                next = self.timers[n].next(t);
+                self.pass_pulses(n);
+            }
+            Unit::Spi(n) => {
+                self.nvic.set_line([35, 36, 51][n], self.spi[n].interrupts());
+                next = self.spi[n].next();
+            }
+            Unit::Usart(n) => {
+                self.nvic.set_line([37, 38, 39, 52, 53, 71][n], self.usart[n].interrupts());
+                next = self.usart[n].next();
+            }
+            Unit::Dma(n) => {
+                for (irq, high) in self.dma[n].interrupts() {
+                    self.nvic.set_line(irq, high);
+                }
+            }
+            Unit::Adc => {
+                self.nvic.set_line(18, self.adc.interrupts());
+                next = self.adc.next();
+            }
+            Unit::Board => next = self.board.imu.next(),
+            _ => {}
+        }
+        let before = std::mem::replace(&mut self.deadlines[unit.index()], next);
+        if next <= self.deadline {
+            self.deadline = next;
+        } else if before == self.deadline {
+            self.deadline = self.deadlines.into_iter().min().unwrap_or(NEVER);
+        }
+    }
+
+    /// Something is due in a unit.
+    pub(super) fn event(&mut self, unit: Unit) {
+        let t = self.tick(unit);
+        match unit {
+            Unit::Core => {
+                let interrupts = self.systick.event();
+                if interrupts {
+                    self.nvic.set_pending(nvic::SYS_TICK);
+                }
+            }
+            Unit::Iwdg => {
+                self.reset = Some(IWDGRSTF);
+                self.iwdg = Iwdg::new();
+            }
+            Unit::Timer(n) => self.timers[n].catch_up(t),
+            Unit::Spi(n) => {
+                let answer = self.board.exchange(n, self.spi[n].sent(), t.now);
+                self.spi[n].receive(answer, t);
+                if let Some(register) = self.board.imu.unknown.take() {
+                    self.fail(format!("the inertial unit's register {register:#04x} is not modelled as it is used"));
+                }
+                // It may have been switched on or off.
+                self.refresh(Unit::Board);
+            }
+            Unit::Usart(n) => self.usart[n].event(t),
+            Unit::Adc => {
+                let value = self.board.convert(self.adc.due());
+                self.adc.converted(value, t);
+            }
+            Unit::Board => {
+                if let Some(high) = self.board.event(t.now) {
+                    self.drive(board::IMU_READY, high);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// A device drives a pin of the chip.
+    fn drive(&mut self, (port, pin): (usize, u32), high: bool) {
+        if self.gpio[port].drive(pin, high) && self.syscfg.port_of(pin) == port {
+            self.exti.edge(pin, high);
+            self.refresh(Unit::Exti);
+        }
+    }
+
+    /// The chip drives the pins of a port: select lines.
+    pub(super) fn drive_devices(&mut self, port: usize) {
+        let (select_port, pin) = board::IMU_SELECT;
+        if port == select_port {
+            let low = !self.gpio[port].level(pin);
+            self.board.imu.select(low);
+        }
+    }
+
+    /// Gives the pulses of a timer to the speed controllers whose pins it has.
+    fn pass_pulses(&mut self, n: usize) {
+        for pulse in std::mem::take(&mut self.timers[n].pulses) {
+            let here = |&(timer, channel, (port, pin)): &(usize, usize, (usize, u32))| {
+                let mine = self.gpio[port].mode(pin) == Mode::Alternate(board::MOTOR_FUNCTION);
+                (timer, channel) == (TIMERS[n], pulse.channel) && mine
+            };
+            if let Some(motor) = board::MOTORS.iter().position(here) {
+                self.board.pulse(motor, pulse);
+            }
+        }
+    }
+
+    /// The radio receiver sends these bytes.
+    pub(crate) fn hear_radio(&mut self, bytes: &[u8]) {
+        let unit = Unit::Usart(board::RADIO);
+        let t = self.tick(unit);
+        self.usart[board::RADIO].feed(bytes, t);
+        self.refresh(unit);
+    }
+}
+
+/// Interrupts of a timer; those of the advanced ones for update and compare.
+fn timer_interrupts(number: usize) -> &'static [u32] {
+    match number {
+        1 => &[25, 27],
+        2 => &[28],
+        3 => &[29],
+        4 => &[30],
+        5 => &[50],
+        _ => &[44, 46],
+    }
+}

@@ -1,0 +1,54 @@
+//! Transfers by DMA: who asks for a beat, and what it moves.
+use super::{Chip, Memory, TIMERS};
+use crate::peripheral::dma::Request;
+use crate::unit::{Unit, locate};
+
+impl Chip {
+    /// Moves beats until nobody asks for one.
+    pub(super) fn run_dma(&mut self, memory: &mut dyn Memory) {
+        for n in 0..2 {
+            for stream in self.dma[n].running() {
+                while let Some(request) = self.dma[n].request(stream)
+                    && self.wants(request)
+                {
+                    self.beat(n, stream, memory);
+                }
+            }
+        }
+    }
+
+    fn wants(&self, request: Request) -> bool {
+        match request {
+            Request::SpiRx(n) => self.spi[n - 1].wants_read(),
+            Request::SpiTx(n) => self.spi[n - 1].wants_write(),
+            Request::UsartRx(n) => self.usart[n - 1].wants_read(),
+            Request::UsartTx(n) => self.usart[n - 1].wants_write(),
+            Request::I2cRx(_) | Request::I2cTx(_) => false,
+            Request::TimerUpdate(n) => {
+                TIMERS.iter().position(|&number| number == n).is_some_and(|n| self.timers[n].wants_dma())
+            }
+            Request::Adc(_) => self.adc.wants_read(),
+        }
+    }
+
+    fn beat(&mut self, dma: usize, stream: usize, memory: &mut dyn Memory) {
+        let beat = self.dma[dma].take(stream);
+        let Some((unit, offset)) = locate(beat.peripheral) else {
+            return self.fail(format!("DMA{} stream {stream} moves to or from {:#010x}", dma + 1, beat.peripheral));
+        };
+        let mut word = [0; 4];
+        let done = if beat.to_peripheral {
+            memory.read(beat.memory, &mut word[..beat.bytes])
+                && self.write_register(unit, offset, beat.bytes, u32::from_le_bytes(word)).is_some()
+        } else {
+            let value = self.read_register(unit, offset);
+            word = value.unwrap_or(0).to_le_bytes();
+            value.is_some() && memory.write(beat.memory, &word[..beat.bytes])
+        };
+        if !done {
+            self.fail(format!("DMA{} cannot do {beat:x?}", dma + 1));
+        }
+        self.refresh(unit);
+        self.refresh(Unit::Dma(dma));
+    }
+}

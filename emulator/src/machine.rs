@@ -1,0 +1,507 @@
+//! The machine: a CPU that runs the image, the chip around it, and virtual time between them.
+//!
+//! Unicorn translates code block by block and asks before each one. There, and only there, time passes: the block before
+//! is charged (`block`, `flash_cache`), what is due in the chip happens, and if an exception is to be taken the CPU stops
+//! and takes it. So an exception comes up to one block late, some ten cycles, and an access to a peripheral happens at the
+//! time its block began.
+//!
+//! Asleep in WFI or WFE, time jumps to whatever happens next.
+use crate::device::crsf;
+use crate::exception::{self, ENTRY_CYCLES};
+use crate::nvic::{HARD_FAULT, SV_CALL};
+use crate::peripheral::flash::FLASH_START;
+use crate::{Failure, Image};
+use std::cell::RefCell;
+use std::rc::Rc;
+use unicorn_engine::{RegisterARM as R, Unicorn, uc_error};
+use wiring::{FLASH_BYTES, LOOP, Ram, State, masks, wire};
+
+mod wiring;
+
+/// An address without memory.
+const NOWHERE: u32 = 0x6000_0000;
+
+/// Registers of the CPU, and memory.
+pub(crate) struct Cpu {
+    unicorn: Unicorn<'static, ()>,
+}
+
+/// What the CPU has done since reset.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Load {
+    /// Core cycles, sleep included.
+    pub cycles: u64,
+    /// Core cycles not asleep.
+    pub busy: u64,
+    /// Instructions; as if each took a cycle, the least that `busy` could be.
+    pub instructions: u64,
+}
+
+/// What the speed controllers have heard.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Motors {
+    /// What each was told last: a DShot value, or the microseconds of a pulse.
+    pub told: [Option<u16>; 4],
+    /// Frames and pulses that each has understood.
+    pub good: [u32; 4],
+    /// Frames that each could not understand.
+    pub bad: [u32; 4],
+    /// Longest time from a sample of the inertial unit to a frame through after it, core cycles.
+    pub latency_max: u64,
+}
+
+/// The board, running its image.
+pub struct Machine {
+    cpu: Cpu,
+    state: Rc<RefCell<State>>,
+    asleep: Option<Sleep>,
+    /// The event register of WFE.
+    event: bool,
+    faults: Vec<String>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Sleep {
+    Interrupt,
+    Event,
+}
+
+impl Machine {
+    /// A board with `image` in its flash, just switched on.
+    ///
+    /// # Errors
+    /// If the image does not fit, or Unicorn refuses.
+    pub fn new(image: &Image) -> Result<Self, Failure> {
+        let state = Rc::new(RefCell::new(State::new()));
+        let unicorn = wire(&state).map_err(|error| Failure(format!("Unicorn does not start: {error:?}")))?;
+        let mut machine = Self { cpu: Cpu { unicorn }, state, asleep: None, event: false, faults: Vec::new() };
+        for (address, bytes) in &image.segments {
+            let fits = (FLASH_START..FLASH_START + FLASH_BYTES).contains(address)
+                && bytes.len() <= (FLASH_START + FLASH_BYTES - address) as usize;
+            let written = fits && machine.cpu.unicorn.mem_write(u64::from(*address), bytes).is_ok();
+            if !written {
+                return Err(Failure(format!("a segment of {} bytes at {address:#010x} is not in flash", bytes.len())));
+            }
+        }
+        machine.boot()?;
+        Ok(machine)
+    }
+
+    /// Runs until the cycle `until`.
+    ///
+    /// # Errors
+    /// What the image did that is not modelled, with the program counter.
+    pub fn run_until(&mut self, until: u64) -> Result<(), Failure> {
+        self.state.borrow_mut().until = until;
+        loop {
+            let (now, reset) = {
+                let mut state = self.state.borrow_mut();
+                if let Some(what) = state.chip.failure.take() {
+                    return Err(self.failure(&what));
+                }
+                (state.chip.now, state.chip.reset.take())
+            };
+            if let Some(causes) = reset {
+                self.reset(causes)?;
+            } else if now >= until {
+                return Ok(());
+            } else if let Some(sleep) = self.asleep {
+                self.doze(sleep, until);
+            } else {
+                let masks = masks(&self.cpu.unicorn);
+                let next = self.state.borrow().chip.nvic.next(masks);
+                match next {
+                    Some(exception) => self.enter(exception)?,
+                    None => self.resume()?,
+                }
+            }
+        }
+    }
+
+    /// Core cycles since power-up.
+    pub fn now(&self) -> u64 {
+        self.state.borrow().chip.now
+    }
+
+    /// Frequency of the core, Hz.
+    pub fn core_hz(&self) -> u64 {
+        self.state.borrow().chip.core_hz()
+    }
+
+    /// What the CPU has done.
+    pub fn load(&self) -> Load {
+        let state = self.state.borrow();
+        Load { cycles: state.chip.now, busy: state.busy, instructions: state.instructions }
+    }
+
+    /// Tells the inertial unit how the body moves: forward, right, down; m/s² and rad/s.
+    pub fn move_body(&mut self, force_m_s2: [f32; 3], rate_rad_s: [f32; 3]) {
+        self.state.borrow_mut().chip.board.move_body(force_m_s2, rate_rad_s);
+    }
+
+    /// Sets the battery's voltage, V.
+    pub fn set_battery(&mut self, volts: f32) {
+        self.state.borrow_mut().chip.board.battery_v = volts;
+    }
+
+    /// Lets the radio receiver send a frame with these channels, 172 to 1811.
+    pub fn send_channels(&mut self, channels: [u16; 16]) {
+        self.state.borrow_mut().chip.hear_radio(&crsf::frame(channels));
+    }
+
+    /// When the inertial unit has its next sample, core cycles, if it is on.
+    pub fn next_sample(&self) -> Option<u64> {
+        self.state.borrow().chip.board.imu.next_sample()
+    }
+
+    /// Core cycles between samples of the inertial unit.
+    pub fn sample_period(&self) -> u64 {
+        self.state.borrow().chip.board.imu.period()
+    }
+
+    /// What the speed controllers have heard.
+    pub fn motors(&self) -> Motors {
+        let board = &self.state.borrow().chip.board;
+        Motors {
+            told: board.told(),
+            good: board.escs.map(|esc| esc.good),
+            bad: board.escs.map(|esc| esc.bad),
+            latency_max: board.latency_max,
+        }
+    }
+
+    /// Sends the core where there is no code.
+    pub fn derail(&mut self) {
+        self.close_here();
+        self.cpu.set(R::PC, NOWHERE | 1);
+    }
+
+    /// Lets the program hang where it is, interrupts masked or not.
+    pub fn hang(&mut self, masked: bool) {
+        self.close_here();
+        self.cpu.set(R::PRIMASK, masked.into());
+        self.cpu.set(R::PC, LOOP.0 | 1);
+    }
+
+    /// Breaks the inertial unit's data-ready line.
+    pub fn break_data_ready(&mut self) {
+        self.state.borrow_mut().chip.board.ready_line_broken = true;
+    }
+
+    /// Charges what has run, before the core is sent elsewhere.
+    fn close_here(&mut self) {
+        let pc = self.cpu.register(R::PC);
+        self.close(pc);
+        self.asleep = None;
+    }
+
+    /// Faults that the image has handled.
+    pub fn faults(&self) -> &[String] {
+        &self.faults
+    }
+
+    /// Reads memory.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn memory(&self, address: u32, bytes: usize) -> Result<Vec<u8>, Failure> {
+        let read = self.cpu.unicorn.mem_read_as_vec(u64::from(address), bytes);
+        read.map_err(|_| Failure(format!("there is no memory at {address:#010x}")))
+    }
+
+    /// Reads a word of memory.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn word(&self, address: u32) -> Result<u32, Failure> {
+        Ok(self.cpu.load(address, 1)?[0])
+    }
+
+    /// Writes a word of memory.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn set_word(&mut self, address: u32, word: u32) -> Result<(), Failure> {
+        self.cpu.store(address, &[word])
+    }
+
+    fn boot(&mut self) -> Result<(), Failure> {
+        let vtor = self.state.borrow().chip.scb.vtor;
+        let vectors = self.cpu.load(vtor, 2)?;
+        for register in [R::PRIMASK, R::BASEPRI, R::FAULTMASK, R::CONTROL, R::IPSR] {
+            self.cpu.set(register, 0);
+        }
+        self.cpu.set(R::SP, vectors[0]);
+        self.cpu.set(R::LR, u32::MAX);
+        self.cpu.set(R::PC, vectors[1]);
+        Ok(())
+    }
+
+    /// Starts the chip anew; RAM keeps what it holds.
+    fn reset(&mut self, causes: u32) -> Result<(), Failure> {
+        {
+            let mut state = self.state.borrow_mut();
+            state.chip.restart(causes);
+            state.open = None;
+        }
+        self.asleep = None;
+        self.boot()
+    }
+
+    /// Lets the CPU run until it stops.
+    fn resume(&mut self) -> Result<(), Failure> {
+        self.state.borrow_mut().stopped = false;
+        let pc = self.cpu.register(R::PC);
+        let result = self.cpu.unicorn.emu_start(u64::from(pc | 1), 0, 0, 0);
+        if self.state.borrow().stopped {
+            return Ok(());
+        }
+        let pc = self.cpu.register(R::PC);
+        if pc >= 0xffff_ff00 {
+            self.close(pc);
+            return self.leave(pc | 1);
+        }
+        // The instruction that stopped is before the program counter, but for faults.
+        let before = self.opcode(pc - 2);
+        match (result, before) {
+            (_, 0xbf30) => self.fall_asleep(pc, Sleep::Interrupt),
+            (_, 0xbf20) => self.fall_asleep(pc, Sleep::Event),
+            (_, op) if op & 0xff00 == 0xdf00 => {
+                self.close(pc);
+                self.state.borrow_mut().chip.nvic.set_pending(SV_CALL);
+            }
+            (Err(error), _) => return self.fault(error, pc),
+            (Ok(()), _) => return Err(self.failure("the CPU has stopped for no reason that is modelled")),
+        }
+        Ok(())
+    }
+
+    fn fall_asleep(&mut self, pc: u32, sleep: Sleep) {
+        self.close(pc);
+        self.event |= std::mem::take(&mut self.state.borrow_mut().event);
+        if sleep == Sleep::Event && std::mem::take(&mut self.event) {
+            return;
+        }
+        self.asleep = Some(sleep);
+    }
+
+    /// Lets time pass until something wakes the CPU.
+    fn doze(&mut self, sleep: Sleep, until: u64) {
+        let state = &mut *self.state.borrow_mut();
+        if state.chip.nvic.is_waiting() || sleep == Sleep::Event && std::mem::take(&mut self.event) {
+            self.asleep = None;
+            return;
+        }
+        let next = state.chip.deadline.min(until);
+        state.chip.advance(next, &mut Ram(&mut self.cpu.unicorn));
+    }
+
+    fn enter(&mut self, exception: u32) -> Result<(), Failure> {
+        let (within, vtor) = {
+            let chip = &self.state.borrow().chip;
+            (chip.nvic.running(), chip.scb.vtor)
+        };
+        let vector = self.word(vtor + 4 * exception)?;
+        exception::enter(&mut self.cpu, exception, within, vector)?;
+        self.event = true;
+        self.state.borrow_mut().chip.nvic.enter(exception);
+        self.charge(ENTRY_CYCLES);
+        Ok(())
+    }
+
+    fn leave(&mut self, exc_return: u32) -> Result<(), Failure> {
+        let into = self.state.borrow_mut().chip.nvic.leave();
+        exception::leave(&mut self.cpu, exc_return, into)?;
+        self.event = true;
+        self.charge(ENTRY_CYCLES);
+        Ok(())
+    }
+
+    /// The instruction at `pc` cannot be run: HardFault.
+    fn fault(&mut self, error: uc_error, pc: u32) -> Result<(), Failure> {
+        let lr = self.cpu.register(R::LR);
+        let what = format!("{error:?} at {pc:#010x}, called from {lr:#010x}");
+        self.close(pc);
+        {
+            let chip = &mut self.state.borrow_mut().chip;
+            if chip.nvic.active_priority() <= -1 {
+                return Err(Failure(format!("the core locks up: a fault within HardFault, {what}")));
+            }
+            // UNDEFINSTR, or a precise data access violation.
+            chip.scb.fault(if error == uc_error::INSN_INVALID { 1 << 16 } else { 1 << 9 });
+        }
+        self.faults.push(what);
+        self.enter(HARD_FAULT)
+    }
+
+    /// Charges the block that has ended with the CPU about to run `next`.
+    fn close(&mut self, next: u32) {
+        self.state.borrow_mut().close(next, &mut Ram(&mut self.cpu.unicorn));
+    }
+
+    fn charge(&mut self, cycles: u64) {
+        self.state.borrow_mut().charge(cycles, &mut Ram(&mut self.cpu.unicorn));
+    }
+
+    fn opcode(&self, address: u32) -> u32 {
+        let mut bytes = [0; 2];
+        // Where there is no code there is no opcode, and a fault follows.
+        let _ = self.cpu.unicorn.mem_read(u64::from(address), &mut bytes);
+        u16::from_le_bytes(bytes).into()
+    }
+
+    fn failure(&self, what: &str) -> Failure {
+        let (pc, lr) = (self.cpu.register(R::PC), self.cpu.register(R::LR));
+        Failure(format!("{what}; before pc {pc:#010x}, called from {lr:#010x}"))
+    }
+}
+
+impl Cpu {
+    pub(crate) fn register(&self, register: R) -> u32 {
+        self.wide(register) as u32
+    }
+
+    pub(crate) fn wide(&self, register: R) -> u64 {
+        // A register of the CPU can always be read.
+        self.unicorn.reg_read(register).unwrap_or(0)
+    }
+
+    pub(crate) fn set(&mut self, register: R, value: u32) {
+        self.set_wide(register, value.into());
+    }
+
+    pub(crate) fn set_wide(&mut self, register: R, value: u64) {
+        // And written.
+        let _ = self.unicorn.reg_write(register, value);
+    }
+
+    pub(crate) fn load(&self, address: u32, words: usize) -> Result<Vec<u32>, Failure> {
+        let bytes = self.unicorn.mem_read_as_vec(u64::from(address), 4 * words);
+        let bytes = bytes.map_err(|_| Failure(format!("there is no memory at {address:#010x}")))?;
+        Ok(bytes.chunks_exact(4).map(|word| u32::from_le_bytes([word[0], word[1], word[2], word[3]])).collect())
+    }
+
+    pub(crate) fn store(&mut self, address: u32, words: &[u32]) -> Result<(), Failure> {
+        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        let written = self.unicorn.mem_write(u64::from(address), &bytes);
+        written.map_err(|_| Failure(format!("there is no memory at {address:#010x}")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::wiring::RAM_START;
+    use super::*;
+
+    /// An image of hand-assembled code after a vector table whose handlers are given by number, as indices into the code.
+    fn image(handlers: &[(usize, u32)], code: &[u16]) -> Image {
+        const CODE: u32 = FLASH_START + 0x200;
+        let mut words = vec![0_u32; 0x80];
+        words[0] = RAM_START + 0x1000;
+        words[1] = CODE | 1;
+        for &(exception, index) in handlers {
+            words[exception] = (CODE + 2 * index) | 1;
+        }
+        let mut bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        bytes.extend(code.iter().flat_map(|half| half.to_le_bytes()));
+        Image { elf: Vec::new(), segments: vec![(FLASH_START, bytes)] }
+    }
+
+    fn run(handlers: &[(usize, u32)], code: &[u16]) -> Machine {
+        let mut machine = Machine::new(&image(handlers, code)).unwrap();
+        machine.run_until(10_000).unwrap();
+        machine
+    }
+
+    #[test]
+    fn a_supervisor_call_runs_its_handler_and_comes_back() {
+        let machine = run(
+            &[(11, 6)],
+            &[
+                0x2005, // movs r0, #5
+                0xdf00, // svc 0
+                0x3001, // adds r0, #1
+                0xbf30, // wfi
+                0xe7fd, // b back to it
+                0xbf00, // nop
+                // The handler: r0 on the stack is what it returns.
+                0x9900, // ldr r1, [sp]
+                0x310a, // adds r1, #10
+                0x9100, // str r1, [sp]
+                0x4770, // bx lr
+            ],
+        );
+        assert_eq!(machine.cpu.register(R::R0), 16);
+        assert_eq!(machine.cpu.register(R::SP), RAM_START + 0x1000);
+        assert!(machine.load().busy < 200, "it sleeps: {:?}", machine.load());
+    }
+
+    #[test]
+    fn a_handler_that_uses_the_fpu_does_not_spoil_the_programs_numbers() {
+        let machine = run(
+            &[(11, 12)],
+            &[
+                0x2007, 0xee00, 0x0a10, // movs r0, #7; vmov s0, r0
+                0xdf00, // svc 0
+                0xee10, 0x1a10, // vmov r1, s0
+                0xbf30, // wfi
+                0xe7fd, // b back to it
+                0xbf00, 0xbf00, 0xbf00, 0xbf00, // nops
+                // The handler.
+                0x2009, 0xee00, 0x0a10, // movs r0, #9; vmov s0, r0
+                0x4770, // bx lr
+            ],
+        );
+        assert_eq!(machine.cpu.register(R::R1), 7);
+        assert_eq!(machine.cpu.register(R::SP), RAM_START + 0x1000);
+    }
+
+    #[test]
+    fn an_undefined_instruction_is_a_hard_fault_that_is_noted() {
+        let machine = run(&[(3, 4)], &[0xde00, 0xbf00, 0xbf00, 0xbf00, 0x2203, 0xbf30, 0xe7fd]);
+        assert_eq!(machine.cpu.register(R::R2), 3);
+        assert_eq!(machine.faults().len(), 1, "{:?}", machine.faults());
+        assert!(machine.faults()[0].contains("0x08000200"), "{:?}", machine.faults());
+    }
+
+    #[test]
+    fn a_fault_within_the_fault_handler_locks_up() {
+        let mut machine = Machine::new(&image(&[(3, 0)], &[0xde00])).unwrap();
+        let failure = machine.run_until(10_000).unwrap_err();
+        assert!(failure.0.contains("locks up"), "{failure}");
+    }
+
+    #[test]
+    fn a_register_that_is_not_modelled_ends_the_run_and_is_named() {
+        // ldr r0, =0x40006400 (CAN1); ldr r0, [r0]
+        let mut machine = Machine::new(&image(&[], &[0x4801, 0x6800, 0xbf30, 0xe7fd, 0x6400, 0x4000])).unwrap();
+        let failure = machine.run_until(10_000).unwrap_err();
+        assert!(failure.0.contains("0x40006400"), "{failure}");
+    }
+
+    #[test]
+    fn programming_only_clears_bits_and_only_when_unlocked() {
+        let store = |unlock: bool| {
+            let mut machine = Machine::new(&image(
+                &[],
+                &[
+                    // ldr r0, =address; ldr r1, =value; str r1, [r0]; wfi
+                    0x4802, 0x4903, 0x6001, 0xbf30, 0xe7fd, 0xbf00, 0x0000, 0x080c, 0x00ff, 0xff0f,
+                ],
+            ))
+            .unwrap();
+            machine.cpu.unicorn.mem_write(0x080c_0000, &0x1234_5678_u32.to_le_bytes()).unwrap();
+            if unlock {
+                let flash = &mut machine.state.borrow_mut().chip.flash;
+                for (offset, value) in [(0x04, 0x4567_0123), (0x04, 0xcdef_89ab), (0x10, 0x201)] {
+                    flash.write(offset, value, 0, HSI_HZ).unwrap();
+                }
+            }
+            machine.run_until(10_000).map(|()| machine.word(0x080c_0000).unwrap())
+        };
+        assert_eq!(store(true).unwrap(), 0x1234_5678 & 0xff0f_00ff);
+        assert!(store(false).unwrap_err().0.contains("0x080c0000"));
+    }
+
+    const HSI_HZ: u64 = 16_000_000;
+}

@@ -1,0 +1,213 @@
+//! Between Unicorn and the chip: what is called before each block of code, at each access to a peripheral, and at each
+//! store to flash; and what a block costs.
+use crate::block::{Block, REFILL};
+use crate::chip::{Chip, Memory};
+use crate::flash_cache::FlashCache;
+use crate::nvic::Masks;
+use crate::peripheral::flash::FLASH_START;
+use std::cell::RefCell;
+use std::rc::Rc;
+use unicorn_engine::{Arch, ArmCpuModel, HookType, Mode, Prot, RegisterARM as R, Unicorn, uc_error};
+
+pub(super) const FLASH_BYTES: u32 = 1024 * 1024;
+/// Above the image: a branch to itself, for [`super::Machine::hang`].
+pub(super) const LOOP: (u32, [u8; 2]) = (FLASH_START + FLASH_BYTES - 2, [0xfe, 0xe7]);
+pub(super) const RAM_START: u32 = 0x2000_0000;
+const RAM_BYTES: u32 = 128 * 1024;
+/// Unicorn maps whole pages.
+const PAGE: u64 = 4096;
+/// Peripherals: APB and AHB1, AHB2, the core's own.
+const PERIPHERALS: [(u64, u64); 3] = [(0x4000_0000, 0x8_0000), (0x5000_0000, 0x4_0000), (0xe000_0000, 0x10_0000)];
+
+/// All that callbacks from the CPU reach.
+pub(super) struct State {
+    pub(super) chip: Chip,
+    cache: FlashCache,
+    /// By halfword of flash; decoded when first run.
+    blocks: Vec<Option<Box<Block>>>,
+    /// The block that runs, with what it has cost so far.
+    pub(super) open: Option<Open>,
+    pub(super) instructions: u64,
+    pub(super) busy: u64,
+    /// When to stop.
+    pub(super) until: u64,
+    /// Whether the CPU was stopped between two blocks, by this model.
+    pub(super) stopped: bool,
+    /// A SEV was run.
+    pub(super) event: bool,
+}
+
+/// A block that has begun.
+#[derive(Clone, Copy)]
+pub(super) struct Open {
+    end: u32,
+    cost: u64,
+    instructions: u32,
+}
+
+impl State {
+    /// Before the first instruction.
+    pub(super) fn new() -> Self {
+        Self {
+            chip: Chip::new(),
+            cache: FlashCache::new(),
+            blocks: vec![None; FLASH_BYTES as usize / 2],
+            open: None,
+            instructions: 0,
+            busy: 0,
+            until: 0,
+            stopped: false,
+            event: false,
+        }
+    }
+
+    /// The CPU is about to run a block; whether it must stop instead.
+    fn on_block(&mut self, address: u32, size: u32, unicorn: &mut Unicorn<'_, ()>) -> bool {
+        self.close(address, &mut Ram(unicorn));
+        let chip = &self.chip;
+        let wanted = chip.failure.is_some()
+            || chip.reset.is_some()
+            || chip.now >= self.until
+            || chip.nvic.is_waiting() && chip.nvic.next(masks(unicorn)).is_some();
+        // Unicorn cannot be told the state of an IT block, so nothing may come between its instructions.
+        self.stopped = wanted && !is_in_it(unicorn);
+        if !self.stopped {
+            self.open(address, size, unicorn);
+        }
+        self.stopped
+    }
+
+    fn open(&mut self, address: u32, size: u32, unicorn: &Unicorn<'_, ()>) {
+        let place = address.wrapping_sub(FLASH_START) as usize / 2;
+        let Some(known) = self.blocks.get_mut(place) else {
+            return self.chip.fail(format!("code at {address:#010x}, which is not flash"));
+        };
+        let block = match known {
+            Some(block) if block.end == address + size => block,
+            _ => {
+                let code = unicorn.mem_read_as_vec(u64::from(address), size as usize).unwrap_or_default();
+                known.insert(Box::new(Block::decode(address, &code)))
+            }
+        };
+        let cost = u64::from(block.cycles) + self.cache.fetch(address, block.end) + self.cache.load(&block.literals);
+        self.event |= block.sends_event;
+        self.open = Some(Open { end: block.end, cost, instructions: block.instructions });
+    }
+
+    /// Charges the block that has ended with the CPU about to run `next`.
+    pub(super) fn close(&mut self, next: u32, memory: &mut dyn Memory) {
+        let Some(open) = self.open.take() else { return };
+        self.instructions += u64::from(open.instructions);
+        let refill = if next == open.end { 0 } else { REFILL };
+        let waited = std::mem::take(&mut self.chip.bus_wait);
+        self.charge(open.cost + refill + waited, memory);
+    }
+
+    /// Lets the core be busy for some cycles.
+    pub(super) fn charge(&mut self, cycles: u64, memory: &mut dyn Memory) {
+        self.busy += cycles;
+        let to = self.chip.now + cycles;
+        if self.chip.deadline <= to {
+            self.chip.advance(to, memory);
+        } else {
+            self.chip.now = to;
+        }
+    }
+}
+
+/// Sets up Unicorn: memory, and its calls into `state`.
+pub(super) fn wire(state: &Rc<RefCell<State>>) -> Result<Unicorn<'static, ()>, uc_error> {
+    let mut unicorn = Unicorn::new(Arch::ARM, Mode::MCLASS)?;
+    unicorn.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32)?;
+    // No address ends the run.
+    unicorn.ctl_exits_enable()?;
+    unicorn.mem_map(FLASH_START.into(), FLASH_BYTES.into(), Prot::READ | Prot::EXEC)?;
+    unicorn.mem_write(LOOP.0.into(), &LOOP.1)?;
+    unicorn.mem_map(RAM_START.into(), RAM_BYTES.into(), Prot::ALL)?;
+    for (base, bytes) in PERIPHERALS {
+        debug_assert!(bytes % PAGE == 0);
+        let (reader, writer) = (Rc::clone(state), Rc::clone(state));
+        let read = move |unicorn: &mut Unicorn<'_, ()>, offset: u64, bytes: usize| {
+            let chip = &mut reader.borrow_mut().chip;
+            u64::from(chip.read((base + offset) as u32, bytes, &mut Ram(unicorn)))
+        };
+        let write = move |unicorn: &mut Unicorn<'_, ()>, offset: u64, bytes: usize, value: u64| {
+            let state = &mut *writer.borrow_mut();
+            state.chip.write((base + offset) as u32, bytes, value as u32, &mut Ram(unicorn));
+            let (latency, instructions, data) = state.chip.flash.wait_states();
+            state.cache.configure(latency, instructions, data);
+        };
+        unicorn.mmio_map(base, bytes, Some(read), Some(write))?;
+    }
+    let programmer = Rc::clone(state);
+    let flash = (u64::from(FLASH_START), u64::from(FLASH_START + FLASH_BYTES - 1));
+    unicorn.add_mem_hook(HookType::MEM_WRITE_PROT, flash.0, flash.1, move |unicorn, _, address, bytes, value| {
+        let chip = &mut programmer.borrow_mut().chip;
+        let (now, core_hz) = (chip.now, chip.core_hz());
+        let programs = chip.flash.program(now, core_hz);
+        if programs {
+            clear_bits(unicorn, address, &value.to_le_bytes()[..bytes]);
+        } else {
+            chip.fail(format!("{value:#x} stored at {address:#010x}, in flash that is locked or busy"));
+        }
+        // Go on: the store itself does nothing, or this run ends.
+        true
+    })?;
+    let blocks = Rc::clone(state);
+    // From 1 to 0: everywhere.
+    unicorn.add_block_hook(1, 0, move |unicorn, address, size| {
+        let stop = blocks.borrow_mut().on_block(address as u32, size, unicorn);
+        if stop {
+            // Cannot fail: the CPU runs.
+            let _ = unicorn.emu_stop();
+        }
+    })?;
+    Ok(unicorn)
+}
+
+/// Programs flash: bits only ever go to zero.
+fn clear_bits(unicorn: &mut Unicorn<'_, ()>, address: u64, bytes: &[u8]) {
+    let mut kept = unicorn.mem_read_as_vec(address, bytes.len()).unwrap_or_default();
+    for (kept, byte) in kept.iter_mut().zip(bytes) {
+        *kept &= byte;
+    }
+    // Cannot fail: it has just been read.
+    let _ = unicorn.mem_write(address, &kept);
+}
+
+/// RAM and flash, as DMA sees them.
+pub(super) struct Ram<'a, 'b>(pub(super) &'a mut Unicorn<'b, ()>);
+
+impl Ram<'_, '_> {
+    fn has(address: u32, length: usize) -> bool {
+        (RAM_START..RAM_START + RAM_BYTES).contains(&address) && length <= (RAM_START + RAM_BYTES - address) as usize
+    }
+}
+
+impl Memory for Ram<'_, '_> {
+    fn read(&mut self, address: u32, bytes: &mut [u8]) -> bool {
+        let in_flash = (FLASH_START..FLASH_START + FLASH_BYTES).contains(&address);
+        (in_flash || Self::has(address, bytes.len())) && self.0.mem_read(address.into(), bytes).is_ok()
+    }
+
+    fn write(&mut self, address: u32, bytes: &[u8]) -> bool {
+        Self::has(address, bytes.len()) && self.0.mem_write(address.into(), bytes).is_ok()
+    }
+
+    fn erase(&mut self, address: u32, bytes: u32) {
+        // Sectors are within flash.
+        let _ = self.0.mem_write(address.into(), &vec![0xff; bytes as usize]);
+    }
+}
+
+/// Whether the CPU is within an IT block: ITSTATE in xPSR.
+fn is_in_it(unicorn: &Unicorn<'_, ()>) -> bool {
+    // A register of the CPU can always be read.
+    unicorn.reg_read(R::XPSR).unwrap_or(0) & 0x0600_fc00 != 0
+}
+
+pub(super) fn masks(unicorn: &Unicorn<'_, ()>) -> Masks {
+    // A register of the CPU can always be read.
+    let read = |register: R| unicorn.reg_read(register).unwrap_or(0);
+    Masks { primask: read(R::PRIMASK) != 0, faultmask: read(R::FAULTMASK) != 0, basepri: read(R::BASEPRI) as u8 }
+}

@@ -1,0 +1,143 @@
+//! The pipe: another program moves the body, the image answers with its motors, step by step.
+//!
+//! Each message begins with a byte that says what it is; numbers are little-endian.
+//!
+//! | to the emulator | then                                                                        |
+//! |-----------------|-----------------------------------------------------------------------------|
+//! | `m`             | 6 × f32: specific force, m/s², and rate, rad/s, forward, right, down; holds |
+//! | `b`             | f32: battery, V; holds                                                      |
+//! | `c`             | 16 × u16: the radio receiver sends a frame with these channels now          |
+//! | `f`             | u8: 0 the core goes where there is no code, 1 the program hangs with interrupts masked, 2 the data-ready line breaks, 3 what runs below interrupts hangs |
+//! | `n`             | nothing: run one period of the inertial unit, then answer                   |
+//!
+//! A period ends [`BEFORE_SAMPLE`] cycles before the next sample, so that whatever is said next is in it.
+//!
+//! | from it | then                                                                                               |
+//! |---------|----------------------------------------------------------------------------------------------------|
+//! | `s`     | u64 cycles, u64 busy ones of them, both since reset; u64 longest time from sample to frame, cycles; |
+//! |         | 4 × u16 what each motor was told last, 65535 for nothing; 4 × u32 frames and pulses that each understood; |
+//! |         | u32 words of the image's record of its last step, and those; u32 bytes of its log since the last answer, and those, UTF-8 |
+//! | `x`     | u32 bytes of why the run has ended, and those, UTF-8; nothing follows                              |
+use crate::{Failure, Image, Log, Machine};
+use std::io::{self, ErrorKind, Read, Write};
+
+/// Cycles between the end of a period and the next sample: longer than any block of code.
+const BEFORE_SAMPLE: u64 = 2_000;
+/// Cycles after which an image that has not switched its inertial unit on never will.
+const BOOT_MAX: u64 = 168_000_000;
+/// The image's record of its last step: its name, and its words with the sequence number.
+const RECORD: &str = "LAST_STEP";
+const RECORD_WORDS: usize = 23;
+
+/// Serves a program until it ends its side.
+///
+/// # Errors
+/// If the pipe breaks, or a message is none. What the image does wrong goes to the other side.
+pub fn serve(image: &Image, mut input: impl Read, mut output: impl Write) -> io::Result<()> {
+    let start = || Ok((Machine::new(image)?, Log::new(image)?, image.symbol(RECORD)?));
+    let (mut machine, mut log, record) = match start() {
+        Ok(parts) => parts,
+        Err(failure) => return refuse(&mut output, &failure),
+    };
+    loop {
+        let mut kind = [0];
+        match input.read_exact(&mut kind) {
+            Err(error) if error.kind() == ErrorKind::UnexpectedEof => return Ok(()),
+            other => other?,
+        }
+        match kind[0] {
+            b'm' => {
+                let [fx, fy, fz, rx, ry, rz] = floats(&mut input)?;
+                machine.move_body([fx, fy, fz], [rx, ry, rz]);
+            }
+            b'b' => {
+                let [volts] = floats(&mut input)?;
+                machine.set_battery(volts);
+            }
+            b'c' => machine.send_channels(channels(&mut input)?),
+            b'f' => {
+                let mut mishap = [0];
+                input.read_exact(&mut mishap)?;
+                match mishap[0] {
+                    0 => machine.derail(),
+                    1 => machine.hang(true),
+                    2 => machine.break_data_ready(),
+                    3 => machine.hang(false),
+                    other => return Err(io::Error::new(ErrorKind::InvalidData, format!("there is no mishap {other}"))),
+                }
+            }
+            b'n' => match step(&mut machine, &mut log, record) {
+                Ok(answer) => output.write_all(&answer)?,
+                Err(failure) => return refuse(&mut output, &failure),
+            },
+            other => {
+                return Err(io::Error::new(ErrorKind::InvalidData, format!("no message begins with {other:#04x}")));
+            }
+        }
+        output.flush()?;
+    }
+}
+
+fn refuse(output: &mut impl Write, failure: &Failure) -> io::Result<()> {
+    output.write_all(b"x")?;
+    text(output, &failure.0)?;
+    output.flush()
+}
+
+/// Runs one period; returns the answer.
+fn step(machine: &mut Machine, log: &mut Log, record: u32) -> Result<Vec<u8>, Failure> {
+    let until = match machine.next_sample() {
+        Some(sample) => sample + machine.sample_period() - BEFORE_SAMPLE,
+        None => boot(machine)?,
+    };
+    machine.run_until(until)?;
+    let (load, motors) = (machine.load(), machine.motors());
+    let mut answer = vec![b's'];
+    for number in [load.cycles, load.busy, motors.latency_max] {
+        answer.extend(number.to_le_bytes());
+    }
+    for told in motors.told {
+        answer.extend(told.unwrap_or(u16::MAX).to_le_bytes());
+    }
+    for good in motors.good {
+        answer.extend(good.to_le_bytes());
+    }
+    answer.extend((RECORD_WORDS as u32).to_le_bytes());
+    answer.extend(machine.memory(record, 4 * RECORD_WORDS)?);
+    // Writing to a vector cannot fail.
+    let _ = text(&mut answer, &log.lines(machine)?.join("\n"));
+    Ok(answer)
+}
+
+/// Runs until the inertial unit is on; returns the end of the period before its first sample.
+fn boot(machine: &mut Machine) -> Result<u64, Failure> {
+    let latest = machine.now() + BOOT_MAX;
+    while machine.next_sample().is_none() {
+        if machine.now() > latest {
+            return Err(Failure("the image does not switch its inertial unit on".to_owned()));
+        }
+        machine.run_until(machine.now() + BEFORE_SAMPLE)?;
+    }
+    Ok(machine.next_sample().unwrap_or(0) - BEFORE_SAMPLE)
+}
+
+fn floats<const N: usize>(input: &mut impl Read) -> io::Result<[f32; N]> {
+    let mut values = [0.0; N];
+    for value in &mut values {
+        let mut bytes = [0; 4];
+        input.read_exact(&mut bytes)?;
+        *value = f32::from_le_bytes(bytes);
+    }
+    Ok(values)
+}
+
+fn channels(input: &mut impl Read) -> io::Result<[u16; 16]> {
+    let mut bytes = [0; 32];
+    input.read_exact(&mut bytes)?;
+    Ok(std::array::from_fn(|n| u16::from_le_bytes([bytes[2 * n], bytes[2 * n + 1]])))
+}
+
+fn text(output: &mut impl Write, text: &str) -> io::Result<()> {
+    output.write_all(&(text.len() as u32).to_le_bytes())?;
+    output.write_all(text.as_bytes())
+}

@@ -1,0 +1,96 @@
+//! DShot: frames to speed controllers, and the timer's compare values that send them.
+//!
+//! ```text
+//! frame = value·2⁵ + telemetry·2⁴ + checksum        checksum = x ⊕ x/16 ⊕ x/256, low 4 bits of x = frame/16
+//! ```
+//!
+//! Sixteen bits, the highest first; a one is high for three quarters of its time, a zero for three eighths. Value 0 stops a
+//! rotor, 1 to 47 are commands that are never sent, 48 to 2047 are speeds.
+//!
+//! # Source
+//! The protocol has no standard; this is as the documentation of the AM32 and Betaflight firmwares describes it.
+
+/// What a motor is told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Value(u16);
+
+const SLOWEST: u16 = 48;
+const FASTEST: u16 = 2_047;
+/// Bits of a frame, and then two of silence, in which the line is low and speed controllers see its end.
+pub const BITS: usize = 18;
+
+impl Value {
+    /// The rotor stands.
+    pub const STOP: Self = Self(0);
+
+    /// A running rotor's speed, as a share of the fastest, 0 to 1; what is not a number stops it.
+    pub fn running(share: f32) -> Self {
+        if share.is_finite() {
+            let span = f32::from(FASTEST - SLOWEST);
+            Self(SLOWEST + (share.clamp(0.0, 1.0) * span + 0.5) as u16)
+        } else {
+            Self::STOP
+        }
+    }
+
+    /// The number sent.
+    pub const fn get(self) -> u16 {
+        self.0
+    }
+
+    /// The frame's bits, without a request for telemetry.
+    pub const fn frame(self) -> u16 {
+        let x = self.0 << 1;
+        x << 4 | (x ^ x >> 4 ^ x >> 8) & 0xf
+    }
+}
+
+/// Compare values of the bits of one timer's motors, bit by bit, the motors within each.
+///
+/// - `values`: what each motor is told, in the order of the timer's channels.
+/// - `counts`: of the timer in one bit's time.
+pub fn waveform<const N: usize, const WORDS: usize>(values: [Value; N], counts: u16) -> [u16; WORDS] {
+    let mut words = [0; WORDS];
+    let frames = values.map(Value::frame);
+    for (bit, row) in words.chunks_exact_mut(N).take(16).enumerate() {
+        for (word, frame) in row.iter_mut().zip(frames) {
+            let one = frame >> (15 - bit) & 1 == 1;
+            // Thirds would do; these are the shares that the field uses.
+            *word = if one { counts - counts / 4 } else { counts * 3 / 8 };
+        }
+    }
+    words
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_those_of_the_field() {
+        for (value, frame) in [(0, 0x0000), (48, 0x0606), (1046, 0x82c6), (2047, 0xffee)] {
+            assert_eq!(Value(value).frame(), frame, "{value}");
+        }
+    }
+
+    #[test]
+    fn no_share_makes_a_command_or_leaves_the_range() {
+        for (share, value) in [(-1.0, 48), (0.0, 48), (0.5, 1_048), (1.0, 2_047), (9.0, 2_047)] {
+            assert_eq!(Value::running(share).get(), value, "{share}");
+        }
+        for share in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            assert_eq!(Value::running(share), Value::STOP);
+        }
+    }
+
+    #[test]
+    fn a_waveform_has_every_motors_bits_in_turn_and_ends_low() {
+        let words: [u16; 2 * BITS] = waveform([Value::STOP, Value::running(1.0)], 140);
+        assert_eq!(words[..4], [52, 105, 52, 105]);
+        // 0xffee: bits 11 and 15 are zeros.
+        assert_eq!(words[2 * 11 + 1], 52);
+        assert_eq!(words[2 * 14 + 1], 105);
+        assert_eq!(words[2 * 15 + 1], 52);
+        assert_eq!(words[32..], [0; 4]);
+    }
+}

@@ -1,0 +1,255 @@
+//! The image that is flashed, flown on the emulator: it must be the host's core to the bit, in time, and the same every time.
+//!
+//! Needs cmake and libclang (`cargo xtask setup`), and so a feature: `cargo test --features emulated --test emulated`.
+use control_core::parameters::Parameters;
+use firmware::flight::{Command, Flight};
+use firmware::record::Record;
+use std::f32::consts::TAU;
+use system_tests::aloft::{Aloft, Hands, SAMPLE_HZ};
+use system_tests::emulator::{Answer, Emulator, Mishap, Motion};
+
+/// How long it is thrown about, s.
+const SECONDS: u32 = 10;
+/// Core clock, Hz.
+const CORE_HZ: f64 = 168e6;
+const STOP: [Option<u16>; 4] = [Some(0); 4];
+
+/// The motion of a machine that is thrown about: every axis by a sine of its own, and a blow each second that no sensor's
+/// range holds.
+fn thrown_about(step: u32) -> Motion {
+    let time_s = step as f32 / SAMPLE_HZ as f32;
+    let sine = |hz: f32| (TAU * (hz * time_s).fract()).sin();
+    let blow = if step % SAMPLE_HZ < 4 { 10.0 } else { 1.0 };
+    Motion {
+        force_m_s2: [3.0 * sine(0.7) * blow, 2.0 * sine(1.1), -9.81 + 4.0 * sine(0.5) * blow],
+        rate_rad_s: [4.0 * sine(2.3) * blow, 3.0 * sine(1.9), 2.0 * sine(0.3)],
+    }
+}
+
+/// Flies `seconds` and gives every answer to `look`, from the image's first step on.
+fn fly(seconds: u32, mut look: impl FnMut(u32, &Motion, &Answer)) {
+    let mut emulator = Emulator::start();
+    let mut motion = thrown_about(0);
+    let mut answer = emulator.step(&motion);
+    while answer.record.is_none() {
+        answer = emulator.step(&motion);
+    }
+    for step in 0..seconds * SAMPLE_HZ {
+        look(step, &motion, &answer);
+        motion = thrown_about(step);
+        answer = emulator.step(&motion);
+    }
+}
+
+/// The host's build of what the image flies, given the same.
+struct Host {
+    flight: Flight,
+    last: u32,
+    /// FNV-1a of all commands, the image's and the host's, as the image's log has it.
+    hashes: [u32; 2],
+}
+
+impl Host {
+    fn new() -> Self {
+        let flight = Flight::try_new(&Parameters::default()).expect("the shipped configuration");
+        Self { flight, last: 0, hashes: [0x811c_9dc5; 2] }
+    }
+
+    /// Decides what the image has decided, or fails.
+    fn follow(&mut self, record: &Record) {
+        assert_eq!(record.step, self.last + 1, "one step a sample");
+        self.last = record.step;
+        let command = self.flight.step(record.time_us, &record.arrived);
+        for (hash, command) in self.hashes.iter_mut().zip([record.command, command]) {
+            *hash = bits(command).into_iter().fold(*hash, |hash, word| (hash ^ word).wrapping_mul(0x0100_0193));
+        }
+        if record.step.is_multiple_of(SAMPLE_HZ) {
+            println!("second {}: image {:08x}, host {:08x}", record.step / SAMPLE_HZ, self.hashes[0], self.hashes[1]);
+        }
+        let same = (bits(command), command == Command::Stop) == (bits(record.command), record.command == Command::Stop);
+        assert!(same, "step {}: image {:?}, host {command:?}", record.step, record.command);
+    }
+}
+
+fn bits(command: Command) -> [u32; 4] {
+    if let Command::Run(shares) = command { shares.map(f32::to_bits) } else { [0; 4] }
+}
+
+#[test]
+fn it_arms_takes_off_loses_part_of_a_rotor_lands_and_disarms_as_the_host_would() {
+    let mut aloft = Aloft::on_the_ground();
+    let mut host = Host::new();
+    let (mut tilt_rad, mut hover_m, mut ran) = (0.0_f64, Vec::new(), 0);
+    let mut climb = 0.0;
+    while aloft.time_s() < 23.5 {
+        let (t_s, truth) = (aloft.time_s(), aloft.truth());
+        // The pilot sees the machine, and holds it over the pad by hand.
+        let wanted_m = (0.6 * (t_s - 6.5)).clamp(0.0, 1.5).min(0.5 * (19.5 - t_s));
+        let (error_m, sink_m_s) = (wanted_m - truth.altitude_m(), truth.velocity_m_s.z);
+        climb = (climb + 0.0001 * error_m).clamp(0.0, 0.2);
+        let flies = (6.5..20.5).contains(&t_s);
+        let lean = |position_m: f64, velocity_m_s: f64| (-0.10 * position_m - 0.15 * velocity_m_s).clamp(-0.4, 0.4);
+        let hands = Hands {
+            roll: lean(truth.position_m.y, truth.velocity_m_s.y),
+            pitch: lean(truth.position_m.x, truth.velocity_m_s.x),
+            throttle: if flies { (0.42 + climb + 0.25 * error_m + 0.15 * sink_m_s).clamp(0.0, 0.9) } else { 0.0 },
+            arm: (6.0..22.0).contains(&t_s),
+        };
+        if t_s > 12.5 {
+            // A chipped propeller.
+            aloft.actuation.drives[1].share = 0.85;
+        }
+        aloft.step(&hands);
+        if let Some(record) = aloft.answer.record {
+            if record.step > host.last {
+                host.follow(&record);
+            }
+            ran += u32::from(matches!(record.command, Command::Run(_)));
+        }
+        if !aloft.answer.log.is_empty() {
+            println!("{}", aloft.answer.log);
+        }
+        if t_s < 6.0 {
+            assert_eq!(aloft.answer.told.map(|told| told.unwrap_or(0)), [0; 4], "{t_s} s");
+        }
+        tilt_rad = tilt_rad.max(aloft.truth().tilt_rad());
+        if (10.5..16.5).contains(&t_s) {
+            hover_m.push(aloft.truth().altitude_m());
+        }
+    }
+    let end = aloft.truth();
+    let highest = hover_m.iter().copied().fold(f64::MIN, f64::max);
+    let lowest = hover_m.iter().copied().fold(f64::MAX, f64::min);
+    println!("hover {lowest:.2} to {highest:.2} m, tilt at most {tilt_rad:.4} rad, {ran} steps with rotors running");
+    println!("down at {:?}, impact {:.2} m/s", end.position_m, end.impact_m_s);
+    assert!(lowest > 1.0 && highest < 2.2, "{lowest} to {highest} m");
+    assert!(tilt_rad < 0.6, "{tilt_rad} rad");
+    assert!(end.touching && end.impact_m_s < 1.5, "{end:?}");
+    assert_eq!(aloft.answer.told, STOP, "disarmed");
+    assert!(ran > 15 * SAMPLE_HZ, "{ran}");
+    let load = aloft.answer.busy as f64 / aloft.answer.cycles as f64;
+    println!(
+        "load {:.1} %; from sample to frame at most {} cycles, {:.1} us",
+        100.0 * load,
+        aloft.answer.latency_max,
+        aloft.answer.latency_max as f64 / CORE_HZ * 1e6
+    );
+    // Three fifths of a period, of which the frame itself takes 27 µs.
+    assert!(aloft.answer.latency_max as f64 <= 0.6 * CORE_HZ / f64::from(SAMPLE_HZ));
+    assert!(load <= 0.5, "{load}");
+}
+
+#[test]
+fn the_image_decides_what_the_host_decides_however_it_is_thrown_about() {
+    let mut host = Host::new();
+    fly(SECONDS, |_, motion, answer| {
+        let record = answer.record.expect("it has begun");
+        agrees(&record, motion);
+        host.follow(&record);
+    });
+    assert_eq!(host.hashes[0], host.hashes[1]);
+}
+
+/// The sample must be what the body does, to half a count of the part's scales, or the end of its range.
+fn agrees(record: &Record, motion: &Motion) {
+    let imu = record.arrived.measurements.imu.expect("a sample each step").value;
+    let (rate, force) = (imu.rate_rad_s, imu.specific_force_m_s2);
+    let half_count = [2_000_f32.to_radians() / 65_536.0, 16.0 * 9.81 / 65_536.0];
+    // The part's g is 9.80665 m/s², the core's 9.81.
+    let scale = [0.0, 4e-4];
+    for (got, told, kind) in [
+        (rate.x, motion.rate_rad_s[0], 0),
+        (rate.y, motion.rate_rad_s[1], 0),
+        (rate.z, motion.rate_rad_s[2], 0),
+        (force.x, motion.force_m_s2[0], 1),
+        (force.y, motion.force_m_s2[1], 1),
+        (force.z, motion.force_m_s2[2], 1),
+    ] {
+        let range = half_count[kind] * 65_534.0;
+        let error = (got - told.clamp(-range, range)).abs();
+        assert!(error <= 1.01 * half_count[kind] + scale[kind] * told.abs(), "{got}, told {told}");
+    }
+}
+
+#[test]
+fn two_runs_are_the_same_to_the_cycle_and_the_letter() {
+    let run = || {
+        let mut answers = Vec::new();
+        fly(3, |_, _, answer| answers.push(answer.clone()));
+        answers
+    };
+    let (first, second) = (run(), run());
+    let differing = first.iter().zip(&second).position(|(a, b)| a != b);
+    assert_eq!((differing, first.len()), (None, second.len()));
+}
+
+#[test]
+fn speed_controllers_understand_every_frame_and_no_motor_turns_unarmed() {
+    let mut end = None;
+    fly(3, |step, _, answer| {
+        assert_eq!(answer.record.expect("it has begun").command, Command::Stop);
+        assert_eq!(answer.told, STOP, "step {step}");
+        end = Some(answer.clone());
+    });
+    let end = end.expect("it flew");
+    assert!(end.understood.iter().all(|&frames| frames >= 3 * SAMPLE_HZ), "{:?}", end.understood);
+}
+
+/// Armed on the ground, rotors idling; then `mishap`. Returns how long frames that let a motor turn were still sent, s, and
+/// what the image logged in the second after.
+fn idling_then(mishap: Mishap) -> (f64, String, Aloft) {
+    let hands = Hands { arm: true, ..Hands::default() };
+    let mut aloft = Aloft::on_the_ground();
+    while aloft.time_s() < 7.0 {
+        aloft.step(&Hands { arm: aloft.time_s() > 6.0, ..hands });
+    }
+    assert!(aloft.answer.told.iter().all(|told| told.is_some_and(|told| told >= 48)), "{:?}", aloft.answer.told);
+    aloft.inflict(mishap);
+    let (mut log, mut turned_s, mut frames) = (String::new(), 0.0, aloft.answer.understood[0]);
+    while aloft.time_s() < 8.5 {
+        aloft.step(&hands);
+        log += &aloft.answer.log;
+        let new = aloft.answer.understood[0] > frames;
+        frames = aloft.answer.understood[0];
+        if new && aloft.answer.told.iter().any(|told| told.is_some_and(|told| told > 0)) {
+            turned_s = aloft.time_s() - 7.0;
+        }
+    }
+    (turned_s, log, aloft)
+}
+
+#[test]
+fn a_hard_fault_cuts_the_motors_at_once_and_is_reported_after_the_reset() {
+    let (turned_s, log, aloft) = idling_then(Mishap::HardFault);
+    println!("{log}");
+    assert!(turned_s <= 0.001, "{turned_s} s");
+    assert!(log.contains("before this start: hard fault at 0x60000000"), "{log}");
+    assert!(log.contains("the watchdog has reset the chip"), "{log}");
+    // The switch is still on, but it has not gone on.
+    assert_eq!(aloft.answer.told, STOP);
+}
+
+#[test]
+fn a_program_that_hangs_is_reset_and_stays_disarmed() {
+    let (turned_s, log, aloft) = idling_then(Mishap::Hang);
+    assert!(turned_s <= 0.001, "{turned_s} s");
+    assert!(log.contains("the watchdog has reset the chip"), "{log}");
+    assert_eq!(aloft.answer.told, STOP);
+}
+
+#[test]
+fn a_hang_below_control_costs_the_link_and_control_flies_on() {
+    let (turned_s, log, aloft) = idling_then(Mishap::HangBelow);
+    // Until the link is lost, half a second later, and the failsafe acts.
+    assert!((0.4..0.6).contains(&turned_s), "{turned_s} s");
+    assert!(log.is_empty(), "nobody logs any more: {log}");
+    assert_eq!(aloft.answer.told, STOP);
+}
+
+#[test]
+fn without_data_ready_steps_go_on_without_samples_and_the_watchdog_is_fed() {
+    let (turned_s, log, aloft) = idling_then(Mishap::NoDataReady);
+    println!("turned {turned_s} s more; {log}");
+    assert!(log.contains("steps") && !log.contains("watchdog"), "{log}");
+    assert!(aloft.answer.understood[0] > 10_000, "frames go on: {:?}", aloft.answer.understood);
+}

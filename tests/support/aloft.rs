@@ -1,0 +1,116 @@
+//! The emulated image in a simulated machine: sensors from the plant, thrust from what the speed controllers hear.
+//!
+//! Noise is white, of about the part's size. A rotor's thrust grows with the square of what its controller is told.
+use crate::emulator::{Answer, Emulator, Mishap, Motion};
+use crate::motion::Noise;
+use sim_host::actuators::Drive;
+use sim_host::ground::Ground;
+use sim_host::plant::{Actuation, Plant, RigidPlant, Truth};
+use sim_host::vehicle::{AirframeName, Vehicle, VehicleKeys};
+use sim_host::wind::Gust;
+
+/// Samples of the inertial unit a second.
+pub const SAMPLE_HZ: u32 = 2_000;
+/// Samples between two frames of the radio.
+const RADIO_EVERY: u32 = 40;
+/// DShot's slowest and fastest value.
+const VALUES: [f64; 2] = [48.0, 2_047.0];
+/// Noise of a sample, 1 σ.
+const RATE_RAD_S: f64 = 2e-3;
+const FORCE_M_S2: f64 = 0.03;
+
+/// What the pilot's hands do: roll, pitch and yaw −1 to 1, throttle 0 to 1.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Hands {
+    /// To the right.
+    pub roll: f64,
+    /// Forward.
+    pub pitch: f64,
+    /// Up.
+    pub throttle: f64,
+    /// The arm switch.
+    pub arm: bool,
+}
+
+/// Machine and image.
+pub struct Aloft {
+    emulator: Emulator,
+    plant: RigidPlant,
+    /// What acts on the machine; the shares of the drives are its faults.
+    pub actuation: Actuation,
+    vehicle: Vehicle,
+    noise: Noise,
+    samples: u32,
+    /// The image's last answer.
+    pub answer: Answer,
+}
+
+impl Aloft {
+    /// On the ground, just switched on; the image has booted.
+    ///
+    /// # Panics
+    /// If it does not.
+    pub fn on_the_ground() -> Self {
+        let keys = VehicleKeys { linear_drag_n_s_m: 0.1, ..VehicleKeys::default() };
+        let vehicle = Vehicle::new(AirframeName::Paper, &keys);
+        let ground = Ground { altitude_m: Some(0.0) };
+        let plant = RigidPlant::standing(&vehicle, ground, ground.standing_m().expect("there is ground"));
+        let drive = Drive { command_n: 0.0, lag_s: keys.motor_lag_s, rate_n_s_max: f64::INFINITY, share: 1.0 };
+        let mut emulator = Emulator::start();
+        let answer = emulator.step(&Motion { force_m_s2: [0.0, 0.0, -9.81], rate_rad_s: [0.0; 3] });
+        let actuation = Actuation { drives: [drive; 4], gust: Gust::default() };
+        Self { emulator, plant, actuation, vehicle, noise: Noise::new(7), samples: 0, answer }
+    }
+
+    /// Does something to the chip that no program should.
+    pub fn inflict(&mut self, mishap: Mishap) {
+        self.emulator.inflict(mishap);
+    }
+
+    /// The truth now.
+    pub fn truth(&self) -> Truth {
+        self.plant.truth(&self.actuation)
+    }
+
+    /// Since the first sample, s.
+    pub fn time_s(&self) -> f64 {
+        f64::from(self.samples) / f64::from(SAMPLE_HZ)
+    }
+
+    /// One sample of flight.
+    pub fn step(&mut self, hands: &Hands) {
+        if self.samples.is_multiple_of(RADIO_EVERY) {
+            self.emulator.send_channels(channels(hands));
+        }
+        let truth = self.truth();
+        let noisy = |truth: [f64; 3], noise: [f64; 3]| [0, 1, 2].map(|n| (truth[n] + noise[n]) as f32);
+        let motion = Motion {
+            force_m_s2: noisy(truth.specific_force_m_s2.into(), self.noise.normals(FORCE_M_S2)),
+            rate_rad_s: noisy(truth.rate_rad_s.into(), self.noise.normals(RATE_RAD_S)),
+        };
+        self.answer = self.emulator.step(&motion);
+        for (drive, told) in self.actuation.drives.iter_mut().zip(self.answer.told) {
+            let speed = told.filter(|&told| told > 0).map_or(0.0, |told| {
+                let [slowest, fastest] = VALUES;
+                (f64::from(told) - slowest) / (fastest - slowest)
+            });
+            drive.command_n = speed * speed * self.vehicle.thrust_n_max();
+        }
+        self.plant.advance(&self.actuation, 1.0 / f64::from(SAMPLE_HZ), 1);
+        self.samples += 1;
+    }
+}
+
+/// The receiver's channels: roll, pitch, throttle, yaw, arm, and the mode switches down.
+fn channels(hands: &Hands) -> [u16; 16] {
+    let ticks = |x: f64| (992.0 + 819.5 * x.clamp(-1.0, 1.0)).round() as u16;
+    let mut channels = [ticks(-1.0); 16];
+    channels[..5].copy_from_slice(&[
+        ticks(hands.roll),
+        ticks(hands.pitch),
+        ticks(2.0 * hands.throttle - 1.0),
+        ticks(0.0),
+        ticks(if hands.arm { 1.0 } else { -1.0 }),
+    ]);
+    channels
+}
