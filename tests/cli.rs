@@ -283,3 +283,19 @@ fn assert_documented(path: &str, schema: &serde_json::Value, keys: &mut usize) {
         _ => {}
     }
 }
+
+#[test]
+fn estimate_judges_a_flight_on_sensors_and_refuses_one_on_the_truth() {
+    let output = sim_host(&["estimate", "scenarios/flight.toml"]);
+    assert_eq!(output.status.code(), Some(2));
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("scenarios/flight.toml: sensors.flown") && said.contains("must be true"), "{said}");
+
+    let kit = ["--with", "scenarios/kits/mocap.toml", "--seeds", "2", "--json"];
+    let output = sim_host(&[&["estimate", "scenarios/flight.toml"][..], &kit].concat());
+    assert!(output.status.success());
+    let judged: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let tilt_deg = judged["quantities"]["tilt_rms_deg"]["median"].as_f64().expect("a figure");
+    assert!((1e-3..1.0).contains(&tilt_deg), "{tilt_deg}");
+    assert_eq!(judged["flights"].as_array().map(Vec::len), Some(2));
+}
