@@ -53,6 +53,8 @@ pub struct AidingNoise {
     pub vision_m: f32,
     /// Attitude by external vision, least, rad.
     pub vision_rad: f32,
+    /// Lasting error of that attitude, by how the markers sit, rad.
+    pub vision_askew_rad: f32,
 }
 
 /// Largest standard deviations, and longest time without a source, with which an estimate is flown on.
@@ -104,8 +106,8 @@ impl EstimatorConfig {
         aiding: AidingNoise {
             gnss_horizontal_m: 0.5,
             gnss_vertical_m: 0.8,
-            gnss_m_s: 0.1,
-            gnss_bias_m: 0.4,
+            gnss_m_s: 0.3,
+            gnss_bias_m: 0.6,
             barometer_m: 0.3,
             barometer_walk_m_rt_s: 0.02,
             magnetic_ut: 1.0,
@@ -115,6 +117,7 @@ impl EstimatorConfig {
             flow_rad_s: 0.05,
             vision_m: 0.002,
             vision_rad: 0.002,
+            vision_askew_rad: 0.004,
         },
         limits: HealthLimits {
             tilt_rad: 0.1,
@@ -153,6 +156,7 @@ impl EstimatorConfig {
             ("aiding.flow_rad_s", a.flow_rad_s, (0.001, 10.0)),
             ("aiding.vision_m", a.vision_m, (0.0005, 10.0)),
             ("aiding.vision_rad", a.vision_rad, (0.0005, 1.0)),
+            ("aiding.vision_askew_rad", a.vision_askew_rad, (0.0, 1.0)),
             ("limits.tilt_rad", l.tilt_rad, (0.01, 1.0)),
             ("limits.heading_rad", l.heading_rad, (0.01, 3.0)),
             ("limits.velocity_m_s", l.velocity_m_s, (0.01, 20.0)),

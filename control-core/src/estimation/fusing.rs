@@ -146,7 +146,8 @@ impl Estimator {
         };
         let (aiding, pose, mut verdict) = (&self.config.aiding, &vision.value, Verdict::NONE);
         let sigma_rad = pose.attitude_sigma_rad.max(aiding.vision_rad);
-        if self.group(state, &mut verdict, &observe::attitude(&past, &pose.attitude, sigma_rad), 0.0) {
+        let attitude = observe::attitude(&past, &pose.attitude, sigma_rad);
+        if self.group(state, &mut verdict, &attitude, aiding.vision_askew_rad) {
             (state.aided.heading_us, state.aided.seen_us) = (now_us, now_us);
         } else if state.yields(state.aided.seen_us, now_us, RESET_US) {
             state.filter.head(observe::heading_apart(&past, &pose.attitude), sigma_rad);
