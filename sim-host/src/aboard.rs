@@ -1,7 +1,7 @@
 //! What is aboard: the sensors of a scenario and the estimator that makes a motion of them.
 //!
 //! A flight begins in a hover, and an estimator at rest: for [`HELD_S`] before the flight the machine is held where it will begin,
-//! its rotors still for [`STILL_S`] and then turning, while the sensors are read. The board's clock began then.
+//! its rotors still for two seconds and then turning, while the sensors are read. The board's clock began then.
 use crate::fault::sensors::SensorFault;
 use crate::sensors::{Carrier, SensorKeys, SensorSuite, World};
 use control_core::estimate::Estimate;

@@ -2,9 +2,12 @@
 //!
 //! A machine at rest is enough: no path of the filter depends on what it estimates, but for resets, which are cheaper than what they replace.
 use crate::count::Counter;
+use crate::stack::Canvas;
+use control_core::autopilot::{Autopilot, AutopilotState};
 use control_core::estimation::{Estimator, EstimatorConfig, EstimatorState};
 use control_core::frames::{Attitude, Vec3};
 use control_core::measurement::{Flow, Gnss, Imu, Measurements, Stamped, Vision};
+use control_core::{Controller, State};
 use core::hint::black_box;
 use cortex_m_semihosting::hprintln;
 
@@ -35,17 +38,26 @@ pub(crate) fn print(counter: &Counter) -> Result<(), &'static str> {
         ("rest", Arrival::Rest),
         ("everything", Arrival::Everything),
     ] {
-        let (path, step) = worst(counter, &estimator, arrival);
-        hprintln!("estimator arrival={} path={} step={}", name, path, step);
+        let (path, step, stack) = worst(counter, &estimator, arrival);
+        hprintln!("estimator arrival={} path={} step={} stack={}", name, path, step, stack);
     }
-    hprintln!("estimator_bytes state={} settings={}", size_of::<EstimatorState>(), size_of::<Estimator>());
+    hprintln!(
+        "bytes estimator={} estimator_state={} controller={} controller_state={} autopilot={} autopilot_state={}",
+        size_of::<Estimator>(),
+        size_of::<EstimatorState>(),
+        size_of::<Controller>(),
+        size_of::<State>(),
+        size_of::<Autopilot>(),
+        size_of::<AutopilotState>()
+    );
     Ok(())
 }
 
-/// The most instructions of a sample alone, and of one with a step of the covariance.
-fn worst(counter: &Counter, estimator: &Estimator, arrival: Arrival) -> (u32, u32) {
+/// The most instructions of a sample alone, and of one with a step of the covariance, and the stack they use, bytes.
+fn worst(counter: &Counter, estimator: &Estimator, arrival: Arrival) -> (u32, u32, u32) {
     let mut state = estimator.state();
     let (mut path, mut step) = (0, 0);
+    let canvas = Canvas::paint();
     for i in 1..SAMPLES {
         let now_us = i * 2000;
         let measurements = black_box(sample(i, arrival));
@@ -55,7 +67,7 @@ fn worst(counter: &Counter, estimator: &Estimator, arrival: Arrival) -> (u32, u3
             *kind = instructions.max(*kind);
         }
     }
-    (path, step)
+    (path, step, canvas.depth())
 }
 
 /// One step as a task would call it: not inlined, so that the call is counted too.

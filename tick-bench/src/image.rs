@@ -1,5 +1,6 @@
 //! The program: replay, compare, print.
 use crate::count::Counter;
+use crate::stack::Canvas;
 use crate::{estimator, math, record};
 use control_core::{Controller, Input, Output, State};
 use core::fmt::{self, Display};
@@ -35,6 +36,7 @@ struct Replay {
     instructions: u64,
     worst: u32,
     worst_at: u32,
+    stack: u32,
     rejected: u32,
     differing: u32,
     first_differing: Option<u32>,
@@ -44,11 +46,13 @@ struct Replay {
 fn replay(counter: &Counter, controller: &Controller, ticks: &[record::Tick]) -> Replay {
     let mut state = controller.hover_state();
     let mut replay = Replay::default();
+    let canvas = Canvas::paint();
     for record in ticks {
         let (input, host_thrust_n) = record.decode();
         let (instructions, output) = counter.instructions(|| tick(controller, &mut state, &input));
         replay.add(instructions, output, host_thrust_n);
     }
+    replay.stack = canvas.depth();
     replay
 }
 
@@ -75,11 +79,11 @@ impl Replay {
 
 impl Display for Replay {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { ticks, instructions, worst, worst_at, rejected, differing, first_differing } = self;
+        let Self { ticks, instructions, worst, worst_at, stack, rejected, differing, first_differing } = self;
         let mean = *instructions as f32 / (*ticks).max(1) as f32;
         write!(
             f,
-            "tick ticks={ticks} worst={worst} mean={mean:.1} worst_at={worst_at} rejected={rejected} \
+            "tick ticks={ticks} worst={worst} mean={mean:.1} worst_at={worst_at} stack={stack} rejected={rejected} \
              differing={differing} first_differing="
         )?;
         match first_differing {

@@ -5,9 +5,9 @@
 //! It measures; `xtask` judges. What it prints is one line per fact, `kind key=value key=value`:
 //!
 //! ```text
-//! tick ticks=35000 worst=700 mean=690.5 worst_at=12 rejected=0 differing=0 first_differing=none
-//! estimator arrival=gnss path=900 step=9000
-//! estimator_bytes state=6000 settings=300
+//! tick ticks=35000 worst=700 mean=690.5 worst_at=12 stack=400 rejected=0 differing=0 first_differing=none
+//! estimator arrival=gnss path=900 step=9000 stack=900
+//! bytes estimator=300 estimator_state=6000 controller=4000 controller_state=800
 //! math function=tanh core=40 libm=104 micromath=136
 //! ```
 //!
@@ -24,6 +24,8 @@ mod image;
 mod math;
 #[cfg(target_os = "none")]
 mod record;
+#[cfg(target_os = "none")]
+mod stack;
 
 #[cfg(not(target_os = "none"))]
 fn main() {

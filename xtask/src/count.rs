@@ -91,13 +91,13 @@ fn report_functions(printed: &str) -> Result<()> {
 /// Prints what the estimator takes, with whatever arrives, and judges it.
 fn report_estimator(printed: &str) -> Result<()> {
     println!(
-        "{:<10} {:>6} {:>6}   instructions of an inertial sample, and with a step of the estimator",
-        "arrival", "path", "step"
+        "{:<10} {:>6} {:>6} {:>6}   instructions of an inertial sample, and with a step of the estimator; bytes of stack",
+        "arrival", "path", "step", "stack"
     );
     let mut counted = 0;
     for line in printed.lines().map(Line).filter(|line| line.is("estimator")) {
         let (arrival, path, step): (_, u32, u32) = (line.text("arrival")?, line.number("path")?, line.number("step")?);
-        println!("{arrival:<10} {path:>6} {step:>6}");
+        println!("{arrival:<10} {path:>6} {step:>6} {:>6}", line.text("stack")?);
         ensure!(
             path <= ESTIMATOR_PATH_MAX,
             "an inertial sample takes {path} instructions, budget {ESTIMATOR_PATH_MAX}"
@@ -106,9 +106,8 @@ fn report_estimator(printed: &str) -> Result<()> {
         counted += 1;
     }
     ensure!(counted > 0, "tick-bench printed no estimator");
-    let bytes =
-        printed.lines().map(Line).find(|line| line.is("estimator_bytes")).context("tick-bench printed no sizes")?;
-    println!("estimator: state {} bytes, settings {}", bytes.text("state")?, bytes.text("settings")?);
+    let sizes = printed.lines().find_map(|line| line.strip_prefix("bytes ")).context("tick-bench printed no sizes")?;
+    println!("bytes: {sizes}");
     Ok(())
 }
 
@@ -119,10 +118,11 @@ fn report_tick(printed: &str, instructions_max: u32) -> Result<()> {
         (tick.number("ticks")?, tick.number("worst")?, tick.number("differing")?);
     let rejected: u32 = tick.number("rejected")?;
     println!(
-        "tick: worst {worst} at {}, mean {}, budget {instructions_max}; {ticks} ticks, {rejected} rejected, \
+        "tick: worst {worst} at {}, mean {}, budget {instructions_max}; {} bytes of stack; {ticks} ticks, {rejected} rejected, \
          {differing} differ from the host",
         tick.text("worst_at")?,
         tick.text("mean")?,
+        tick.text("stack")?,
     );
     ensure!(ticks > rejected, "no tick was counted");
     ensure!(
@@ -161,16 +161,14 @@ mod tests {
 
     fn printed(ticks: u32, worst: u32, differing: u32) -> String {
         format!(
-            "tick ticks={ticks} worst={worst} mean=1.5 worst_at=3 rejected=0 differing={differing} \
+            "tick ticks={ticks} worst={worst} mean=1.5 worst_at=3 stack=500 rejected=0 differing={differing} \
              first_differing=none\nmath function=tanh core=33 libm=108 micromath=84\n"
         )
     }
 
     #[test]
     fn an_estimator_is_judged() {
-        let text = |step: u32| {
-            format!("estimator arrival=gnss path=900 step={step}\nestimator_bytes state=5000 settings=200\n")
-        };
+        let text = |step: u32| format!("estimator arrival=gnss path=900 step={step} stack=900\nbytes estimator=200\n");
         assert!(report_estimator(&text(ESTIMATOR_STEP_MAX)).is_ok());
         assert!(report_estimator(&text(ESTIMATOR_STEP_MAX + 1)).is_err());
         assert!(report_estimator("").is_err());
