@@ -104,7 +104,6 @@ struct Aided {
 
 /// Everything that changes in flight.
 #[derive(Clone, Copy, Debug)]
-#[expect(clippy::struct_excessive_bools, reason = "independent facts, each read by name")]
 pub struct EstimatorState {
     phase: Phase,
     filter: Filter,

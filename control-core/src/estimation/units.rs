@@ -17,7 +17,7 @@
 //! drift threshold in ten seconds: 0.005 rad/s² and 0.05 m/s³, which no warming chip does. What grows with the turning: 1.5 % of scale and misalignment of each, and 3 cm ω² between their places.
 //!
 //! Invariant: the spare is the one that is held to be at fault, as long as [`Units::apart`] is set; it is believed again when it has
-//! agreed for [`PAROLE_US`], or when the unit in use says nothing that can be believed.
+//! agreed for [`PAROLE_US`], and flown on when the unit in use says nothing that can be believed.
 use super::filter::Filter;
 use super::observe::components;
 use super::sources::Source;
