@@ -16,9 +16,9 @@
 //! source's telemetry; the estimate of a step depends on nothing but the steps before.
 //!
 //! Elsewhere: `phases.rs` from rest to the filter to fixed gains and back, `strapdown.rs` dead reckoning, `covariance.rs` the matrix, `history.rs` delays, `observe.rs` the models, `fusing.rs` what is done
-//! with each source, `sources.rs` what is let in, `gyro.rs` the filters of the rates. docs/estimation.md has the equations and figures.
+//! with each source, `sources.rs` what is let in, `units.rs` one inertial unit against the other, `gyro.rs` the filters of the rates. docs/estimation.md has the equations and figures.
 use crate::estimate::{Estimate, Health, Sigma};
-use crate::frames::{Attitude, Body, Vec3};
+use crate::frames::{Attitude, Vec3};
 use crate::measurement::{Imu, Measurements, Stamped};
 use crate::{GRAVITY_M_S2, Scalar};
 use alignment::Alignment;
@@ -27,6 +27,7 @@ use gyro::{GyroChain, GyroState};
 use quaternion::Quaternion;
 use sources::Watch;
 use strapdown::Nominal;
+use units::Units;
 
 mod admission;
 mod alignment;
@@ -43,6 +44,7 @@ mod phases;
 mod quaternion;
 mod sources;
 mod strapdown;
+mod units;
 
 pub use config::{AidingNoise, EstimatorConfig, EstimatorConfigError, HealthLimits, InertialNoise};
 pub use covariance::STATES;
@@ -102,7 +104,6 @@ struct Aided {
 
 /// Everything that changes in flight.
 #[derive(Clone, Copy, Debug)]
-#[expect(clippy::struct_excessive_bools, reason = "independent facts, each read by name")]
 pub struct EstimatorState {
     phase: Phase,
     filter: Filter,
@@ -117,9 +118,7 @@ pub struct EstimatorState {
     levelled: bool,
     /// The barometer that the offset is of.
     barometer_heard: Option<Source>,
-    /// Whether the second inertial unit is gone by, and how it reads above the first.
-    on_second: bool,
-    units_apart: [Vec3<Body>; 2],
+    units: Units,
     /// Time of the last inertial sample, and of the last step of the covariance, µs.
     time_us: u64,
     stepped_us: u64,
@@ -192,8 +191,7 @@ impl Estimator {
             placed: false,
             levelled: false,
             barometer_heard: None,
-            on_second: false,
-            units_apart: [Vec3::zero(); 2],
+            units: Units::NEW,
             time_us: 0,
             stepped_us: 0,
             gap_s: 0.0,
@@ -315,6 +313,7 @@ impl Estimator {
             match state.phase {
                 Phase::Running => {
                     state.filter.predict(&self.config, &span, rate_rad_s, state.gap_s);
+                    state.units.doubt(&mut state.filter, span.length_s);
                     self.fuse_pending(state, imu.time_us);
                 }
                 _ => self.follow(state, imu.time_us, span.length_s),

@@ -1,5 +1,5 @@
 //! What is let in: ranges of what each part can measure, then the clock and the pulse of its source.
-use super::sources::{Look, Source};
+use super::sources::{Look, Source, SourceFault};
 use super::{Estimator, EstimatorState};
 use crate::frames::{Attitude, Vec3};
 use crate::measurement::{Imu, Measurements, Stamped};
@@ -7,9 +7,8 @@ use crate::measurement::{Imu, Measurements, Stamped};
 /// Twice 2000 °/s, and twice 16 g: what the largest ranges of inertial units reach.
 const RATE_RAD_S_MAX: f32 = 70.0;
 const FORCE_M_S2_MAX: f32 = 314.0;
-/// How long a unit may be refused before the other stands in, µs; and the share of a difference between them that a sample is believed.
+/// How long a unit may be refused before the other stands in, µs.
 const STAND_IN_US: u64 = 5_000;
-const LEARN: f32 = 5e-4;
 /// Farther than the local frame is flat, m; faster than a receiver of this kind follows, m/s.
 const DISTANCE_M_MAX: f32 = 50_000.0;
 const SPEED_M_S_MAX: f32 = 150.0;
@@ -117,19 +116,15 @@ fn admit_unit<'a>(
     let Imu { rate_rad_s: w, specific_force_m_s2: f } = imu.value;
     let in_range =
         w.norm_squared() <= RATE_RAD_S_MAX * RATE_RAD_S_MAX && f.norm_squared() <= FORCE_M_S2_MAX * FORCE_M_S2_MAX;
-    let look = Look::of(imu.time_us, [w.x, w.y, w.z, f.x, f.y, f.z], in_range);
-    let watch = &mut state.watches[source as usize];
-    let admitted = watch.admits(source, &look, now_us);
-    if admitted {
-        watch.take(imu.time_us);
-    }
-    admitted.then_some(imu)
+    let look = Look::of_halves(imu.time_us, [w.x, w.y, w.z], [f.x, f.y, f.z], in_range);
+    state.watches[source as usize].admits(source, &look, now_us).then_some(imu)
 }
 
 impl EstimatorState {
     /// The inertial sample to go on with, if there is one to believe.
     ///
-    /// The second unit stands in for the first when that has been refused or silent for [`STAND_IN_US`], and the other way round.
+    /// The second unit stands in for the first at once when the two say that it is at fault, or when it has been refused or silent for
+    /// [`STAND_IN_US`]; and the other way round.
     pub(super) fn admit_inertial<'a>(
         &mut self,
         measurements: &'a Measurements,
@@ -137,35 +132,32 @@ impl EstimatorState {
     ) -> Option<&'a Stamped<Imu>> {
         let first = admit_unit(self, Source::Inertial, measurements.imu.as_ref(), now_us);
         let second = admit_unit(self, Source::InertialSecond, measurements.imu_second.as_ref(), now_us);
-        if let (Some(a), Some(b)) = (first, second) {
-            self.learn_difference(&a.value, &b.value);
+        let (mut used, mut spare) = if self.units.on_second { (second, first) } else { (first, second) };
+        let overdue = now_us.saturating_sub(self.watches[self.inertial() as usize].status.taken_us) > STAND_IN_US;
+        let changes = match (used, spare) {
+            (Some(a), Some(b)) => self.units.compare(&a.value, &b.value, &mut self.filter, now_us),
+            (None, Some(_)) => overdue,
+            _ => false,
+        };
+        if changes {
+            self.units.change(&mut self.filter);
+            core::mem::swap(&mut used, &mut spare);
         }
-        let (mut used, spare) = if self.on_second { (second, first) } else { (first, second) };
-        let last_us = self.watches[self.inertial() as usize].status.taken_us;
-        if used.is_none() && spare.is_some() && now_us.saturating_sub(last_us) > STAND_IN_US {
-            self.change_unit();
-            used = spare;
+        let (source, other) = self.units.sources();
+        if let Some(imu) = used {
+            self.watches[source as usize].take(imu.time_us);
+            self.units.believe(&imu.value);
+        }
+        if let Some(imu) = spare {
+            let watch = &mut self.watches[other as usize];
+            if self.units.apart { watch.refuse(SourceFault::Disagrees) } else { watch.take(imu.time_us) }
         }
         used.filter(|imu| imu.time_us > self.time_us)
     }
 
     /// The inertial unit that is gone by.
     pub(super) fn inertial(&self) -> Source {
-        if self.on_second { Source::InertialSecond } else { Source::Inertial }
-    }
-
-    /// Follows how the second unit reads above the first.
-    fn learn_difference(&mut self, first: &Imu, second: &Imu) {
-        let [rate, force] = &mut self.units_apart;
-        *rate = *rate + (second.rate_rad_s - first.rate_rad_s - *rate) * LEARN;
-        *force = *force + (second.specific_force_m_s2 - first.specific_force_m_s2 - *force) * LEARN;
-    }
-
-    /// Goes by the other unit, whose biases are the first's and how much it reads above it.
-    fn change_unit(&mut self) {
-        let [rate, force] = self.units_apart.map(|apart| if self.on_second { -apart } else { apart });
-        self.on_second = !self.on_second;
-        self.filter.trade_biases(rate, force);
+        self.units.sources().0
     }
 }
 

@@ -287,6 +287,18 @@ impl Filter {
         self.covariance.add_noise(&spread([(GYRO_BIAS, TRADE_RAD_S), (ACCELEROMETER_BIAS, TRADE_M_S2)]));
     }
 
+    /// Variances of the bias of gyro, (rad/s)², for `half` 0, and of accelerometer, (m/s²)², for 1.
+    pub(crate) fn bias_variances(&self, half: usize) -> [f32; 3] {
+        core::array::from_fn(|axis| self.covariance.variance(GYRO_BIAS + 3 * half + axis))
+    }
+
+    /// Adds to them.
+    pub(crate) fn doubt_bias(&mut self, half: usize, variance: f32) {
+        let mut variances = [0.0; STATES];
+        variances[GYRO_BIAS + 3 * half..][..3].fill(variance);
+        self.covariance.add_noise(&variances);
+    }
+
     /// Whether it may be believed at all.
     pub(crate) fn is_sound(&self) -> bool {
         let sum = self.nominal.velocity_m_s.norm_squared()

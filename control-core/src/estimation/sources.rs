@@ -7,7 +7,7 @@
 //! | is not newer than the one before                 | [`SourceFault::Backwards`]      |
 //! | is newer than now by more than a millisecond     | [`SourceFault::FromTheFuture`]  |
 //! | is older than the path that is kept              | [`SourceFault::TooLate`]        |
-//! | has the bits of the ones before, too often       | [`SourceFault::Stuck`]          |
+//! | has the bits of the ones before, or half of them | [`SourceFault::Stuck`]          |
 //! | is too far from what the others say              | [`SourceFault::Disagrees`]      |
 //!
 //! A source that says nothing for longer than its [`Source::silence_us_max`] is [`SourceFault::Silent`].
@@ -153,8 +153,8 @@ pub(crate) struct Watch {
     last_us: u64,
     /// When a sample of any kind last came, µs.
     heard_us: u64,
-    fingerprint: u32,
-    repeats: u16,
+    fingerprints: [u32; 2],
+    repeats: [u16; 2],
     pub(crate) status: SourceStatus,
 }
 
@@ -162,8 +162,8 @@ pub(crate) struct Watch {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Look {
     pub(crate) time_us: u64,
-    /// Made of the bits of all values.
-    fingerprint: u32,
+    /// Made of the bits of each half's values: of a source that is one, the same twice.
+    fingerprints: [u32; 2],
     finite: bool,
     in_range: bool,
 }
@@ -171,9 +171,22 @@ pub(crate) struct Look {
 impl Look {
     /// A sample of `values` that are in range if `in_range`.
     pub(crate) fn of<const N: usize>(time_us: u64, values: [f32; N], in_range: bool) -> Self {
-        let fingerprint = values.iter().fold(0_u32, |hash, value| hash.rotate_left(5) ^ value.to_bits());
-        Self { time_us, fingerprint, finite: values.iter().all(|value| value.is_finite()), in_range }
+        Self { time_us, fingerprints: [fingerprint(&values); 2], finite: are_finite(&values), in_range }
     }
+
+    /// A sample of two halves, each of which can be stuck by itself.
+    pub(crate) fn of_halves<const N: usize>(time_us: u64, a: [f32; N], b: [f32; N], in_range: bool) -> Self {
+        let fingerprints = [fingerprint(&a), fingerprint(&b)];
+        Self { time_us, fingerprints, finite: are_finite(&a) && are_finite(&b), in_range }
+    }
+}
+
+fn fingerprint(values: &[f32]) -> u32 {
+    values.iter().fold(0_u32, |hash, value| hash.rotate_left(5) ^ value.to_bits())
+}
+
+fn are_finite(values: &[f32]) -> bool {
+    values.iter().all(|value| value.is_finite())
 }
 
 impl Watch {
@@ -181,8 +194,8 @@ impl Watch {
     pub(crate) const UNHEARD: Self = Self {
         last_us: 0,
         heard_us: 0,
-        fingerprint: 0,
-        repeats: 0,
+        fingerprints: [0; 2],
+        repeats: [0; 2],
         status: SourceStatus { ratio: 0.0, taken_us: 0, taken: 0, refused: 0, refused_in_a_row: 0, fault: None },
     };
 
@@ -213,10 +226,11 @@ impl Watch {
         if !look.in_range {
             return Some(SourceFault::OutOfRange);
         }
-        let repeated = look.fingerprint == self.fingerprint;
-        self.repeats = if repeated { self.repeats.saturating_add(1) } else { 0 };
-        self.fingerprint = look.fingerprint;
-        if self.repeats >= source.repeats_max() {
+        for ((repeats, before), now) in self.repeats.iter_mut().zip(&self.fingerprints).zip(&look.fingerprints) {
+            *repeats = if before == now { repeats.saturating_add(1) } else { 0 };
+        }
+        self.fingerprints = look.fingerprints;
+        if self.repeats.iter().any(|repeats| *repeats >= source.repeats_max()) {
             return Some(SourceFault::Stuck);
         }
         (now_us.saturating_sub(look.time_us) > DELAY_US_MAX).then_some(SourceFault::TooLate)
