@@ -188,20 +188,21 @@ impl<S: Scalar> Health<S> {
         filter: &LowPass<S>,
         dt_s: S,
     ) {
-        let (mut losses, mut all) = self.evidence(state, residual);
+        // Several share one residual: each sees what the others left, and what one leaves can wait for the next tick.
+        let several = state.health.found > 1;
+        let nothing = Evidence { seen: S::ZERO, size: S::ZERO };
+        let (mut losses, mut all) = if several { ([nothing; 4], nothing) } else { self.evidence(state, residual) };
         if state.health.found > 0 {
-            // Several share one residual: each sees what the others left. What one leaves can wait for the next tick.
-            let several = state.health.found > 1;
             self.follow(state, columns, residual, (&mut losses, &mut all), filter, dt_s);
-            if several {
-                (losses, all) = self.evidence(state, residual);
-            }
         } else {
             state.health.weather.learn(&self.climate, &residual.0, dt_s);
         }
         if state.spinning.is_some_and(|spinning| spinning.pair) {
             // Of two rotors none can be spared: whatever else is felt, it is weather.
             return;
+        }
+        if several {
+            (losses, all) = self.evidence(state, residual);
         }
         let HealthState { suspects, found, weather, .. } = &mut state.health;
         let scaled = |(gain, drift): (S, S)| (gain * dt_s, drift * dt_s);
