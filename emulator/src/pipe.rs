@@ -8,6 +8,12 @@
 //! | `b`             | f32: battery, V; holds                                                      |
 //! | `c`             | 16 × u16: the radio receiver sends a frame with these channels now          |
 //! | `f`             | u8: 0 the core goes where there is no code, 1 the program hangs with interrupts masked, 2 the data-ready line breaks, 3 what runs below interrupts hangs |
+//! | `p`             | 2 × f32: static pressure, Pa, and temperature, °C, at the barometer; holds  |
+//! | `g`             | 3 × f32: magnetic field, µT, forward, right, down; holds                    |
+//! | `u`             | the satellite receiver sends this fix now, unless it was told to send fewer: 2 × i32 latitude and longitude, 1e-7°; 7 × f32 height above the ellipsoid, m, velocity north, east, down, m/s, its own errors horizontal, vertical, m, and of speed, m/s, 1 σ; u8 kind of fix, 3 in three dimensions; u8 satellites |
+//! | `v`             | the vision computer sends this pose now: u32 its age, µs; 9 × f32 position north, east, down, m, quaternion w, x, y, z from body to NED, its own errors of position, m, and attitude, rad, 1 σ |
+//! | `d`             | u8: 0 the barometer, 1 the magnetometer; u8: 0 it no longer answers, 1 it does again |
+//! | `t`             | u8: 0 the radio receiver's line, 1 the satellite receiver's, 2 the vision computer's; u8 bytes, and those, which come over that line now |
 //! | `n`             | nothing: run one period of the inertial unit, then answer                   |
 //!
 //! A period ends [`BEFORE_SAMPLE`] cycles before the next sample, so that whatever is said next is in it.
