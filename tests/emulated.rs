@@ -1,8 +1,8 @@
 //! The image that is flashed, flown on the emulator: it must be the host's core to the bit, in time, and the same every time.
 //!
 //! Needs cmake and libclang (`cargo xtask setup`), and so a feature: `cargo test --features emulated --test emulated`.
+use control_core::flight::{Command, Flight};
 use control_core::parameters::Parameters;
-use firmware::flight::{Command, Flight};
 use firmware::record::Record;
 use std::f32::consts::TAU;
 use system_tests::aloft::{Aloft, Hands, SAMPLE_HZ};
@@ -51,7 +51,7 @@ struct Host {
 
 impl Host {
     fn new() -> Self {
-        let flight = Flight::try_new(&Parameters::default()).expect("the shipped configuration");
+        let flight = firmware::flight::boot(&Parameters::default()).expect("the shipped configuration");
         Self { flight, last: 0, hashes: [0x811c_9dc5; 2] }
     }
 

@@ -142,6 +142,16 @@ impl EstimatorState {
     pub fn covariance(&self) -> &[[f32; STATES]; STATES] {
         self.filter.covariance.matrix()
     }
+
+    /// What the last step made of everything.
+    pub fn estimate(&self) -> &Estimate {
+        &self.estimate
+    }
+
+    /// How the estimate is made at present.
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
 }
 
 /// A checked configuration. Immutable: one may serve many states.

@@ -37,6 +37,7 @@ pub mod estimation;
 pub mod failsafe;
 pub mod fault;
 mod filter;
+pub mod flight;
 pub mod frames;
 pub mod geodesy;
 mod guidance;

@@ -1,7 +1,7 @@
 //! The flight image: one control task above everything, radio, battery and log below it.
 //!
 //! Estimator and autopilot are the core's; what the control task calls between reading and writing is one function that
-//! the host tests too (`firmware::flight`). No motor turns unless the autopilot is armed.
+//! the host flies too (`control_core::flight`). No motor turns unless the autopilot is armed.
 //!
 //! Only `board/` names pins, timers and interrupts; only `tasks.rs` and `imu.rs` know time; what needs neither is in the
 //! library.

@@ -1,8 +1,8 @@
 //! Motors: what the step commands, to the speed controllers' lines.
 //!
 //! Invariant: without a [`Command::Run`] every line carries the stop value, or nothing.
+use control_core::flight::Command;
 use firmware::dshot;
-use firmware::flight::Command;
 use firmware::pulse::Pulse;
 
 use crate::board::{MotorPins, PROTOCOL};

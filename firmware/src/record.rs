@@ -2,12 +2,11 @@
 //!
 //! The image keeps one in RAM that no reset clears: whoever asks why it fell finds the last step there, and a probe or the
 //! emulator can look while it flies. A record that is being written has an odd sequence number.
+use control_core::flight::{Arrived, Command};
 use control_core::frames::Vec3;
 use control_core::measurement::{Imu, Measurements, Stamped};
 use control_core::modes::Mode;
 use control_core::pilot::{PilotInput, Sticks};
-
-use crate::flight::{Arrived, Command};
 
 /// Words of a record.
 pub const WORDS: usize = 22;
@@ -19,6 +18,7 @@ const RUNS: u32 = 1 << 3;
 const LATE: u32 = 1 << 4;
 const TESTED: u32 = 1 << 5;
 const ARM: u32 = 1 << 6;
+const VALID: u32 = 1 << 7;
 /// From here on, the pilot's mode by its place in [`Mode::ALL`].
 const MODE_SHIFT: u32 = 8;
 
@@ -29,7 +29,7 @@ pub struct Record {
     pub step: u32,
     /// When, µs since boot. The time of the inertial sample is the same.
     pub time_us: u64,
-    /// What the step was given. Of the measurements, the inertial sample and the battery.
+    /// What the step was given. Of the measurements, the inertial sample and the battery; nobody speaks offboard.
     pub arrived: Arrived,
     /// What it decided.
     pub command: Command,
@@ -38,10 +38,12 @@ pub struct Record {
 impl Record {
     /// The record in words, without its sequence number.
     pub fn to_words(&self) -> [u32; WORDS] {
-        let Arrived { measurements: Measurements { imu, battery_v, .. }, pilot, late, self_test_passed } = self.arrived;
+        let Arrived { measurements, pilot, offboard: _, late, self_test_passed, parameters_valid } = self.arrived;
+        let Measurements { imu, battery_v, .. } = measurements;
         let mut words = [0; WORDS];
         let bit = |on: bool, bit: u32| if on { bit } else { 0 };
         words[0] = bit(imu.is_some(), HAS_IMU) | bit(late, LATE) | bit(self_test_passed, TESTED);
+        words[0] |= bit(parameters_valid, VALID);
         words[1] = self.step;
         [words[2], words[3]] = [self.time_us as u32, (self.time_us >> 32) as u32];
         if let Some(Stamped { value: Imu { rate_rad_s: r, specific_force_m_s2: f }, .. }) = imu {
@@ -88,8 +90,10 @@ impl Record {
             arrived: Arrived {
                 measurements,
                 pilot: has(HAS_PILOT).then(|| Stamped { time_us: before(20), value: pilot }),
+                offboard: None,
                 late: has(LATE),
                 self_test_passed: has(TESTED),
+                parameters_valid: has(VALID),
             },
             command: if has(RUNS) { Command::Run([12, 13, 14, 15].map(float)) } else { Command::Stop },
         }
@@ -126,8 +130,10 @@ mod tests {
                     ..Measurements::default()
                 },
                 pilot: Some(Stamped { time_us: time_us - 12_345, value: pilot }),
+                offboard: None,
                 late: true,
                 self_test_passed: true,
+                parameters_valid: true,
             },
             command: Command::Run([0.1, 0.2, 0.3, 0.4]),
             ..bare

@@ -1,5 +1,5 @@
 //! Report: what one second of steps amounts to, for the log.
-use crate::flight::Command;
+use control_core::flight::Command;
 
 /// One second of flight.
 #[derive(Clone, Copy, Debug, PartialEq)]

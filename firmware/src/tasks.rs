@@ -7,6 +7,7 @@
 //! ```
 //!
 //! Control preempts the others at any instruction. What is left to delay it are critical sections of some dozens of cycles.
+use control_core::flight::{Arrived, Command, Flight};
 use control_core::measurement::{Measurements, Stamped};
 use control_core::parameters::Parameters;
 use control_core::pilot::PilotInput;
@@ -27,7 +28,7 @@ use crate::imu::Imu;
 use crate::motors::Motors;
 use firmware::battery::volts;
 use firmware::crsf::Receiver;
-use firmware::flight::{Arrived, Command, Flight};
+use firmware::flight;
 use firmware::icm42688::{SAMPLE_HZ, WHO_AM_I};
 use firmware::pace::Pace;
 use firmware::pilot;
@@ -71,7 +72,7 @@ pub(crate) fn start(spawner: Spawner) {
     let reports: &'static mut Reports = singleton!(: Reports = Queue::new()).expect("start runs once");
     let (producer, consumer) = reports.split();
     // Not `expect`: printing a float in text would add 30 KB to the image.
-    let flight = Flight::try_new(&Parameters::default())
+    let flight = flight::boot(&Parameters::default())
         .unwrap_or_else(|e| defmt::panic!("{=str}.{=str} = {=f32} cannot fly", e.name[0], e.name[1], e.value));
     let imu = Imu::new(imu_bus, imu_select, imu_ready);
     let control = control(flight, imu, Motors::new(motors), watchdog, producer).expect("control is started once");
@@ -103,7 +104,14 @@ async fn control(
         let ready = imu.wait(IMU_WAIT).await;
         let (time_us, started) = (now_us(), DWT::cycle_count());
         let measurements = read(&mut imu, ready, time_us).await;
-        let arrived = Arrived { measurements, pilot: PILOT.try_take(), late, self_test_passed };
+        let arrived = Arrived {
+            measurements,
+            pilot: PILOT.try_take(),
+            offboard: None,
+            late,
+            self_test_passed,
+            parameters_valid: true,
+        };
         let command = flight.step(time_us, &arrived);
         motors.write(command).await;
         number = number.wrapping_add(1);

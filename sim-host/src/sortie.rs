@@ -15,12 +15,11 @@ use crate::plant::{Actuation, Plant, RigidPlant, Truth};
 use crate::scenario::{AutopilotKeys, Event};
 use crate::sensors::{Sensors, World};
 use crate::wind::Gusts;
-use control_core::autopilot::{Autopilot, AutopilotState, Command, Step, System};
+use control_core::autopilot::{AutopilotState, Command};
 use control_core::estimate::{Estimate, Health, Sigma};
+use control_core::flight::{Arrived, Helm};
 use control_core::frames::Vec3;
 use control_core::measurement::{Measurements, Stamped};
-use control_core::modes::Mode;
-use control_core::pilot::{PilotInput, Sticks};
 use control_core::{Config, ConfigError, GRAVITY_M_S2, Input, Output, Setpoint};
 use std::f64::consts::TAU;
 
@@ -28,52 +27,41 @@ use std::f64::consts::TAU;
 const HAND_HZ: f64 = 3.0;
 const HAND_SHARE: f64 = 0.6;
 
-/// What is outside the autopilot, and when it last spoke.
+/// What is outside the autopilot.
 struct Outside<'a> {
     events: &'a [Event],
     now: Event,
-    pilot: Option<Stamped<PilotInput>>,
-    companion: Option<Stamped<Setpoint>>,
-    system: System,
 }
 
 impl<'a> Outside<'a> {
     fn new(events: &'a [Event]) -> Self {
-        Self { events, now: Event::default(), pilot: None, companion: None, system: System::GOOD }
+        Self { events, now: Event::default() }
     }
 
-    /// What is said by `t_s`; whether the wiring check begins.
-    fn step(&mut self, t_s: f64, now_us: u64, setpoint: Setpoint, measurements: &Measurements) -> bool {
+    /// Lets happen what happens by `t_s`; whether the wiring check begins.
+    fn step(&mut self, t_s: f64) -> bool {
         let mut check_wiring = false;
         while let Some((event, later)) = self.events.split_first().filter(|(event, _)| event.at_s <= t_s + 1e-9) {
             self.now.take(event);
             check_wiring |= event.check_wiring == Some(true);
             self.events = later;
         }
+        check_wiring
+    }
+
+    /// What arrives with the sensors' `measurements`.
+    ///
+    /// - `setpoint`: what a companion computer would send.
+    fn arrived(&self, now_us: u64, setpoint: Setpoint, measurements: &Measurements) -> Arrived {
         let now = &self.now;
-        if now.link != Some(false) {
-            let stick = |x: Option<f64>| x.unwrap_or(0.0) as f32;
-            let sticks = Sticks {
-                right: stick(now.right),
-                forward: stick(now.forward),
-                clockwise: stick(now.clockwise),
-                throttle: stick(now.throttle),
-            };
-            let mode = now.mode.map_or(Mode::Angle, Mode::from);
-            let value = PilotInput { sticks, arm: now.arm == Some(true), mode };
-            self.pilot = Some(Stamped { time_us: now_us, value });
-        }
-        if now.offboard == Some(true) {
-            self.companion = Some(Stamped { time_us: now_us, value: setpoint });
-        }
-        self.system = System {
-            battery_v: measurements.battery_v.map(|sample| sample.value).or(self.system.battery_v),
-            gyro_calibrated: now.gyro_calibrated != Some(false),
+        Arrived {
+            measurements: *measurements,
+            pilot: (now.link != Some(false)).then(|| Stamped { time_us: now_us, value: now.pilot() }),
+            offboard: (now.offboard == Some(true)).then_some(Stamped { time_us: now_us, value: setpoint }),
+            late: now.late == Some(true),
             self_test_passed: now.self_test_passed != Some(false),
             parameters_valid: now.parameters_valid != Some(false),
-            late: now.late == Some(true),
-        };
-        check_wiring
+        }
     }
 
     /// Torque of the hand that rocks the machine, N m.
@@ -113,8 +101,7 @@ impl Flight<'_> {
         let scenario = self.scenario;
         let vehicle = scenario.vehicle();
         // The scenario's check has set them before.
-        let autopilot = Autopilot::try_new(config, &keys.values().unwrap_or_default())?;
-        let mut state = autopilot.state();
+        let mut helm = Helm::try_new(config, &keys.values().unwrap_or_default(), 1)?;
         let ground = Ground { altitude_m: scenario.ground_altitude_m };
         let mut plant = RigidPlant::standing(&vehicle, ground, ground.standing_m().unwrap_or_default());
         let mut sensors = Sensors::new(scenario.noise, random(self.seed, Stream::Noise));
@@ -148,22 +135,15 @@ impl Flight<'_> {
                 }
             }
             let measurements = aboard.as_ref().map_or(&nothing, Aboard::measurements);
-            if outside.step(t_s, now_us, target.setpoint(), measurements) {
-                autopilot.begin_wiring_check(&mut state);
+            if outside.step(t_s) {
+                helm.begin_wiring_check();
             }
             let told = actuators.told();
-            autopilot.controller().report(&mut state.controller, told.reported);
-            let command = autopilot.step(
-                &mut state,
-                &Step {
-                    now_us,
-                    dt_s: dt_s as f32,
-                    estimate: &estimate,
-                    pilot: outside.pilot.as_ref(),
-                    offboard: outside.companion.as_ref(),
-                    system: &outside.system,
-                },
-            );
+            helm.report(told.reported);
+            let arrived = outside.arrived(now_us, target.setpoint(), measurements);
+            helm.step(now_us, &estimate, outside.now.gyro_calibrated != Some(false), &arrived);
+            // Each step decides.
+            let Some(command) = helm.decision() else { continue };
             let command_n = command.motors.map(|motor| f64::from(motor) * vehicle.thrust_n_max());
             let torque = vehicle.torque_n_m(&command_n);
             observe(&Sample {
@@ -178,9 +158,9 @@ impl Flight<'_> {
                 estimate: Some(&estimate),
                 aboard: aboard.as_ref(),
                 estimator: aboard.as_ref().map(|aboard| aboard.telemetry(t_s)).as_ref(),
-                decision: Some(&Decision { command: &command, state: &state }),
+                decision: Some(&Decision { command, state: helm.state() }),
                 output: &Output { thrust_n: command_n.map(|n| n as f32), rejected: command.rejected },
-                telemetry: &autopilot.controller().telemetry(&state.controller),
+                telemetry: &helm.controller().telemetry(&helm.state().controller),
                 effectiveness: &effectiveness,
                 told: &told,
             });

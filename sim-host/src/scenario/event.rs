@@ -7,6 +7,7 @@ use super::check::{Check, Wrong, range, refuse};
 use crate::plant::PlantKind;
 use control_core::modes::Mode;
 use control_core::parameters::Parameters;
+use control_core::pilot::{PilotInput, Sticks};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -104,6 +105,18 @@ impl Event {
         }
         take!(arm, mode, right, forward, clockwise, throttle, link, offboard, late);
         take!(rocked, gyro_calibrated, self_test_passed, parameters_valid);
+    }
+
+    /// What the pilot says.
+    pub(crate) fn pilot(&self) -> PilotInput {
+        let stick = |x: Option<f64>| x.unwrap_or(0.0) as f32;
+        let sticks = Sticks {
+            right: stick(self.right),
+            forward: stick(self.forward),
+            clockwise: stick(self.clockwise),
+            throttle: stick(self.throttle),
+        };
+        PilotInput { sticks, arm: self.arm == Some(true), mode: self.mode.map_or(Mode::Angle, Mode::from) }
     }
 }
 

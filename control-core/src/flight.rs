@@ -1,0 +1,310 @@
+//! Flight: what a control loop calls between reading and writing. The same on the board, in simulation and in replay.
+//!
+//! ```text
+//!             every inertial sample      every n-th
+//! measurements ─► Estimator ─► estimate ─► Helm: Autopilot ─► Command
+//! pilot, companion, system ─────────────────┘
+//! ```
+//!
+//! Nothing is decided here: the estimator and the autopilot decide. What arrives slowly is kept until the next of its kind. A
+//! command is a share of the largest thrust; a speed controller turns its rotor in proportion to what it is told, and thrust
+//! grows with the square of the speed, so the share of the speed is its root.
+//!
+//! [`Helm`] is the part after the estimate, for those who make the estimate themselves or are shown the truth.
+//!
+//! Invariant: without an armed autopilot, or one whose bench runs a rotor, the command is [`Command::Stop`].
+use crate::autopilot::{self, Autopilot, AutopilotState, System};
+use crate::estimate::Estimate;
+use crate::estimation::{Estimator, EstimatorConfig, EstimatorConfigError, EstimatorState, EstimatorTelemetry, Phase};
+use crate::measurement::{Measurements, Stamped};
+use crate::parameters::Parameters;
+use crate::pilot::PilotInput;
+use crate::{Config, ConfigError, Controller, Scalar, Setpoint};
+
+/// What flies.
+#[derive(Clone, Copy, Debug)]
+pub struct FlightConfig {
+    /// Machine and controller.
+    pub controller: Config,
+    /// The estimator; the rate of its gyro is that of the steps.
+    pub estimator: EstimatorConfig,
+    /// Inertial samples in a step of the autopilot, at least one.
+    pub samples_a_step: u32,
+}
+
+/// What cannot fly.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Unflyable {
+    /// The part that the value belongs to, and its name.
+    pub name: [&'static str; 2],
+    /// The value.
+    pub value: f32,
+}
+
+impl From<ConfigError> for Unflyable {
+    fn from(error: ConfigError) -> Self {
+        Self { name: [error.part, error.field], value: error.value }
+    }
+}
+
+impl From<EstimatorConfigError> for Unflyable {
+    fn from(error: EstimatorConfigError) -> Self {
+        Self { name: ["estimator", error.field], value: error.value }
+    }
+}
+
+/// What the motors do until the next step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Command {
+    /// They stand.
+    Stop,
+    /// They turn, each at a share of its fastest speed, 0 to 1.
+    Run([f32; 4]),
+}
+
+/// Everything that has arrived since the last step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Arrived {
+    /// From the sensors.
+    pub measurements: Measurements,
+    /// From the pilot, if there was a frame.
+    pub pilot: Option<Stamped<PilotInput>>,
+    /// From a companion computer, if it spoke.
+    pub offboard: Option<Stamped<Setpoint>>,
+    /// Whether the last step came late.
+    pub late: bool,
+    /// Whether every part has said that it is there.
+    pub self_test_passed: bool,
+    /// Whether every stored parameter was in its range.
+    pub parameters_valid: bool,
+}
+
+/// Estimator and helm.
+#[derive(Debug)]
+pub struct Flight {
+    estimator: Estimator,
+    state: EstimatorState,
+    helm: Helm,
+}
+
+impl Flight {
+    /// Just switched on, with these parameters.
+    ///
+    /// # Errors
+    /// [`Unflyable`] names the first value that cannot fly.
+    pub fn try_new(config: &FlightConfig, parameters: &Parameters) -> Result<Self, Unflyable> {
+        let helm = Helm::try_new(&config.controller, parameters, config.samples_a_step)?;
+        let estimator = Estimator::try_new(&config.estimator)?;
+        Ok(Self { state: estimator.state(), estimator, helm })
+    }
+
+    /// Decides what the motors do; to be called once an inertial sample, or when one is missed.
+    ///
+    /// - `now_us`: µs since boot.
+    pub fn step(&mut self, now_us: u64, arrived: &Arrived) -> Command {
+        self.estimator.step(&mut self.state, &arrived.measurements, now_us);
+        self.helm.step(now_us, self.state.estimate(), self.state.phase() != Phase::Aligning, arrived)
+    }
+
+    /// What is believed of the motion.
+    pub fn estimate(&self) -> &Estimate {
+        self.state.estimate()
+    }
+
+    /// How the estimator and its sources are.
+    ///
+    /// - `now_us`: µs since boot.
+    pub fn telemetry(&self, now_us: u64) -> EstimatorTelemetry {
+        self.estimator.telemetry(&self.state, now_us)
+    }
+
+    /// What decides.
+    pub fn helm(&self) -> &Helm {
+        &self.helm
+    }
+}
+
+/// Autopilot, and what it is told only now and then.
+#[derive(Debug)]
+pub struct Helm {
+    autopilot: Autopilot,
+    state: AutopilotState,
+    pilot: Option<Stamped<PilotInput>>,
+    offboard: Option<Stamped<Setpoint>>,
+    battery_v: Option<f32>,
+    late: bool,
+    samples_a_step: u32,
+    samples: u32,
+    decided_us: Option<u64>,
+    decision: Option<autopilot::Command>,
+    command: Command,
+}
+
+impl Helm {
+    /// Just switched on, with these parameters.
+    ///
+    /// - `samples_a_step`: calls of [`Helm::step`] in a step of the autopilot; 0 is taken for 1.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names the first value that cannot fly.
+    pub fn try_new(config: &Config, parameters: &Parameters, samples_a_step: u32) -> Result<Self, ConfigError> {
+        let autopilot = Autopilot::try_new(config, parameters)?;
+        Ok(Self {
+            state: autopilot.state(),
+            autopilot,
+            pilot: None,
+            offboard: None,
+            battery_v: None,
+            late: false,
+            samples_a_step,
+            samples: 0,
+            decided_us: None,
+            decision: None,
+            command: Command::Stop,
+        })
+    }
+
+    /// Decides what the motors do; to be called at each estimate.
+    ///
+    /// - `now_us`: µs since boot.
+    /// - `gyro_calibrated`: whether the gyro's bias is known.
+    pub fn step(&mut self, now_us: u64, estimate: &Estimate, gyro_calibrated: bool, arrived: &Arrived) -> Command {
+        self.pilot = arrived.pilot.or(self.pilot);
+        self.offboard = arrived.offboard.or(self.offboard);
+        self.battery_v = arrived.measurements.battery_v.map(|battery| battery.value).or(self.battery_v);
+        self.late |= arrived.late;
+        if self.samples == 0 {
+            self.decide(now_us, estimate, gyro_calibrated, arrived);
+        }
+        self.samples += 1;
+        if self.samples >= self.samples_a_step {
+            self.samples = 0;
+        }
+        self.command
+    }
+
+    fn decide(&mut self, now_us: u64, estimate: &Estimate, gyro_calibrated: bool, arrived: &Arrived) {
+        let elapsed_us = now_us.saturating_sub(self.decided_us.unwrap_or(now_us));
+        self.decided_us = Some(now_us);
+        let system = System {
+            battery_v: self.battery_v,
+            gyro_calibrated,
+            self_test_passed: arrived.self_test_passed,
+            parameters_valid: arrived.parameters_valid,
+            late: core::mem::take(&mut self.late),
+        };
+        let step = autopilot::Step {
+            now_us,
+            dt_s: elapsed_us as f32 * 1e-6,
+            estimate,
+            pilot: self.pilot.as_ref(),
+            offboard: self.offboard.as_ref(),
+            system: &system,
+        };
+        let decision = self.autopilot.step(&mut self.state, &step);
+        let stands = !decision.armed && decision.motors == [0.0; 4];
+        self.command = if stands { Command::Stop } else { Command::Run(decision.motors.map(speed)) };
+        self.decision = Some(decision);
+    }
+
+    /// Begins the check of the wiring, if it stands disarmed.
+    pub fn begin_wiring_check(&mut self) {
+        self.autopilot.begin_wiring_check(&mut self.state);
+    }
+
+    /// Tells the controller what is known of the rotors: see [`Controller::report`].
+    pub fn report(&mut self, shares: [Option<f32>; 4]) {
+        self.autopilot.controller().report(&mut self.state.controller, shares);
+    }
+
+    /// The autopilot's last decision, once it has made one.
+    pub fn decision(&self) -> Option<&autopilot::Command> {
+        self.decision.as_ref()
+    }
+
+    /// The autopilot's state.
+    pub fn state(&self) -> &AutopilotState {
+        &self.state
+    }
+
+    /// The controller, for its telemetry.
+    pub fn controller(&self) -> &Controller {
+        self.autopilot.controller()
+    }
+}
+
+/// Share of the fastest speed that makes a share of the largest thrust.
+fn speed(thrust: f32) -> f32 {
+    Scalar::sqrt(thrust.clamp(0.0, 1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Airframe;
+    use crate::estimation::GyroConfig;
+    use crate::frames::Vec3;
+    use crate::measurement::Imu;
+    use crate::modes::Mode;
+    use crate::pilot::Sticks;
+
+    const PERIOD_US: u64 = 500;
+    const SAMPLE_HZ: f32 = 2_000.0;
+
+    /// Four samples a step of the autopilot, as the image flies.
+    fn flight() -> Flight {
+        let gyro = GyroConfig { sample_hz: SAMPLE_HZ, ..EstimatorConfig::FLIGHT.gyro };
+        let config = FlightConfig {
+            controller: Config::tolerant(Airframe::paper(2.2)),
+            estimator: EstimatorConfig { gyro, ..EstimatorConfig::FLIGHT },
+            samples_a_step: 4,
+        };
+        Flight::try_new(&config, &Parameters::default()).unwrap()
+    }
+
+    /// A machine at rest on the ground whose arm switch goes on after `armed_s`; returns the last command.
+    fn rest(seconds: f32, armed_s: f32, self_test_passed: bool) -> (Command, Flight) {
+        let mut flight = flight();
+        let mut command = Command::Stop;
+        for n in 0..(seconds * SAMPLE_HZ) as u64 {
+            let now_us = PERIOD_US * (n + 1);
+            // A part that always says the same is taken for one that is stuck.
+            let noise = (n % 7) as f32 * 1e-3;
+            let rate_rad_s = Vec3::new(noise, -noise, noise);
+            let value = Imu { rate_rad_s, specific_force_m_s2: Vec3::new(noise, noise, -9.81 - noise) };
+            let sticks = Sticks { throttle: 0.0, ..Sticks::NEUTRAL };
+            let arm = now_us as f32 > 1e6 * armed_s;
+            let pilot = PilotInput { sticks, arm, mode: Mode::Angle };
+            command = flight.step(
+                now_us,
+                &Arrived {
+                    measurements: Measurements {
+                        imu: Some(Stamped { time_us: now_us, value }),
+                        ..Measurements::default()
+                    },
+                    pilot: Some(Stamped { time_us: now_us, value: pilot }),
+                    self_test_passed,
+                    parameters_valid: true,
+                    ..Arrived::default()
+                },
+            );
+        }
+        (command, flight)
+    }
+
+    #[test]
+    fn a_machine_at_rest_arms_when_the_switch_goes_on_and_idles() {
+        let (command, flight) = rest(5.0, 4.5, true);
+        let Command::Run(shares) = command else { panic!("{:?}", flight.helm().decision()) };
+        assert!(shares.iter().all(|&share| (0.05..0.6).contains(&share)), "{shares:?}");
+    }
+
+    #[test]
+    fn no_motor_turns_before_the_switch_nor_with_a_part_that_is_not_there() {
+        for (why, armed_s, self_test_passed) in [("not armed", 9.0, true), ("a part is gone", 4.5, false)] {
+            assert_eq!(rest(5.0, armed_s, self_test_passed).0, Command::Stop, "{why}");
+        }
+        let (command, flight) = rest(2.0, 1.0, true);
+        assert_eq!(command, Command::Stop, "the gyro's bias is not known yet: {:?}", flight.helm().decision());
+    }
+}
