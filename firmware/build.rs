@@ -3,8 +3,15 @@ use std::path::PathBuf;
 use std::{env, fs, io};
 
 fn main() -> io::Result<()> {
-    // The default board's is where people look for it.
-    let memory = if env::var_os("CARGO_FEATURE_ORBIT_H743").is_some() { "memory_h743.x" } else { "../memory.x" };
+    let chosen = |feature: &str| env::var_os(format!("CARGO_FEATURE_{feature}")).is_some();
+    let memory = if chosen("ORBIT_H743") {
+        "memory_h743.x"
+    } else if chosen("FOXEER_F722_V4") {
+        "memory_f722.x"
+    } else {
+        // The default board's is where people look for it.
+        "../memory.x"
+    };
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rerun-if-changed={memory}");
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {

@@ -49,15 +49,12 @@ impl Value {
 ///
 /// - `values`: what each motor is told, in the order of the timer's channels.
 /// - `counts`: of the timer in one bit's time.
-pub fn waveform<const N: usize, const WORDS: usize>(values: [Value; N], counts: u16) -> [u16; WORDS] {
-    let mut words = [0; WORDS];
+pub fn waveform<const N: usize>(values: [Value; N], counts: u16) -> [[u16; N]; BITS] {
+    let mut words = [[0; N]; BITS];
     let frames = values.map(Value::frame);
-    for (bit, row) in words.chunks_exact_mut(N).take(16).enumerate() {
-        for (word, frame) in row.iter_mut().zip(frames) {
-            let one = frame >> (15 - bit) & 1 == 1;
-            // Thirds would do; these are the shares that the field uses.
-            *word = if one { counts - counts / 4 } else { counts * 3 / 8 };
-        }
+    for (bit, row) in words.iter_mut().take(16).enumerate() {
+        // Thirds would do; these are the shares that the field uses.
+        *row = frames.map(|frame| if frame >> (15 - bit) & 1 == 1 { counts - counts / 4 } else { counts * 3 / 8 });
     }
     words
 }
@@ -85,12 +82,10 @@ mod tests {
 
     #[test]
     fn a_waveform_has_every_motors_bits_in_turn_and_ends_low() {
-        let words: [u16; 2 * BITS] = waveform([Value::STOP, Value::running(1.0)], 140);
-        assert_eq!(words[..4], [52, 105, 52, 105]);
+        let words = waveform([Value::STOP, Value::running(1.0)], 140);
+        assert_eq!(words[..2], [[52, 105]; 2]);
         // 0xffee: bits 11 and 15 are zeros.
-        assert_eq!(words[2 * 11 + 1], 52);
-        assert_eq!(words[2 * 14 + 1], 105);
-        assert_eq!(words[2 * 15 + 1], 52);
-        assert_eq!(words[32..], [0; 4]);
+        assert_eq!([words[11], words[14], words[15]], [[52, 52], [52, 105], [52, 52]]);
+        assert_eq!(words[16..], [[0; 2]; 2]);
     }
 }

@@ -1,11 +1,138 @@
-//! The board this image is for, chosen by a feature. Another board is another file here with the same items, a feature in
-//! `Cargo.toml`, and its flash and RAM (docs/boards.md).
+//! The board this image is for, chosen by a feature, and what every board does alike.
+//!
+//! A board's file has its pins, clocks and interrupts, and nothing else; it gives the items that are imported here.
+//! Another board is another such file, a feature in `Cargo.toml`, and its memory map (docs/boards.md).
+use core::mem::forget;
+
+use embassy_stm32::Peri;
+use embassy_stm32::adc::{Adc, AnyAdcChannel};
+use embassy_stm32::exti::ExtiInput;
+use embassy_stm32::gpio::{AnyPin, Level, Output, Speed};
+use embassy_stm32::mode::Async;
+use embassy_stm32::peripherals::ADC1;
+use embassy_stm32::spi::{self, Spi};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::usart::{self, RingBufferedUartRx};
+use embassy_stm32::wdg::IndependentWatchdog;
+use firmware::crsf;
+use firmware::icm42688::SPI_HZ_MAX;
+
+mod bank;
+
+#[cfg(feature = "foxeer-f722-v4")]
+mod foxeer_f722_v4;
 #[cfg(feature = "orbit-h743")]
 mod orbit_h743;
 #[cfg(feature = "speedybee-f405-v4")]
 mod speedybee_f405_v4;
 
+#[cfg(feature = "foxeer-f722-v4")]
+use foxeer_f722_v4 as chosen;
 #[cfg(feature = "orbit-h743")]
-pub(crate) use orbit_h743::*;
+use orbit_h743 as chosen;
 #[cfg(feature = "speedybee-f405-v4")]
-pub(crate) use speedybee_f405_v4::*;
+use speedybee_f405_v4 as chosen;
+
+pub(crate) use chosen::{
+    BATTERY_DIVIDER, IMU_MOUNT, MotorPins, NAME, PROTOCOL, STATUS_ON, init, start_control_executor,
+};
+
+/// Time without a step that was done in time after which the watchdog resets the chip, µs.
+const WATCHDOG_US: u32 = 20_000;
+/// Bytes of the radio receiver that may wait: eight frames.
+const RADIO_BYTES: usize = 208;
+
+/// Parts the application is allowed to hold.
+pub(crate) struct Board {
+    /// The motor outputs.
+    pub(crate) motors: MotorPins,
+    /// The inertial unit's bus.
+    pub(crate) imu_bus: ImuBus,
+    /// The inertial unit's select line, low while it is spoken to.
+    pub(crate) imu_select: Output<'static>,
+    /// Rises when a sample is ready.
+    pub(crate) imu_ready: ImuReady,
+    /// The radio receiver's line.
+    pub(crate) radio: Radio,
+    /// The battery's voltage.
+    pub(crate) battery: Battery,
+    /// The status LED.
+    pub(crate) status: Status,
+    /// Resets the chip once it is unleashed and not fed.
+    pub(crate) watchdog: Watchdog,
+    /// Whether the watchdog has caused this start.
+    pub(crate) bitten: bool,
+}
+
+/// The independent watchdog.
+pub(crate) type Watchdog = IndependentWatchdog<'static, chosen::WatchdogUnit>;
+/// The inertial unit's bus.
+pub(crate) type ImuBus = Spi<'static, Async, spi::mode::Master>;
+/// The inertial unit's data-ready line.
+pub(crate) type ImuReady = ExtiInput<'static, Async>;
+/// The radio receiver's line.
+pub(crate) type Radio = RingBufferedUartRx<'static>;
+/// The status LED.
+pub(crate) type Status = Output<'static>;
+/// Where the radio receiver's bytes wait.
+pub(crate) type RadioBuffer = [u8; RADIO_BYTES];
+/// An empty one.
+pub(crate) const RADIO_BUFFER: RadioBuffer = [0; RADIO_BYTES];
+
+/// The battery's channel of the converter.
+pub(crate) struct Battery {
+    converter: Adc<'static, ADC1>,
+    channel: AnyAdcChannel<'static, ADC1>,
+}
+
+impl Battery {
+    /// Measures, which takes some 25 µs; 12 bits.
+    pub(crate) fn counts(&mut self) -> u16 {
+        self.converter.blocking_read(&mut self.channel, chosen::BATTERY_SAMPLE) >> chosen::BATTERY_BITS_BEYOND_12
+    }
+}
+
+/// How the inertial unit's bus is driven.
+fn imu_bus_config() -> spi::Config {
+    let mut bus = spi::Config::default();
+    bus.frequency = Hertz(SPI_HZ_MAX);
+    bus
+}
+
+/// How the radio receiver's line is read.
+fn radio_config() -> usart::Config {
+    let mut line = usart::Config::default();
+    line.baudrate = crsf::BAUD;
+    line
+}
+
+/// Takes the motor lines from their timers and holds them low, whatever the program was doing; speed controllers stop
+/// when pulses cease. Only for handlers that never return.
+///
+/// Not by stopping the timers: that can leave a line high for good.
+pub(crate) fn cut_motors() {
+    // SAFETY: nobody who holds these pins runs again.
+    let pins: [Peri<'static, AnyPin>; 4] = unsafe { chosen::steal_motor_lines() };
+    forget(pins.map(|pin| Output::new(pin, Level::Low, Speed::Low)));
+}
+
+/// The executor of the control task, on an interrupt that the board does not use.
+macro_rules! control_executor {
+    ($interrupt:ident) => {
+        static CONTROL: embassy_executor::InterruptExecutor = embassy_executor::InterruptExecutor::new();
+
+        /// Starts the executor of the control task; drivers and the clock are above it.
+        pub(crate) fn start_control_executor() -> embassy_executor::SendSpawner {
+            use embassy_stm32::interrupt::{InterruptExt, Priority};
+            embassy_stm32::interrupt::$interrupt.set_priority(Priority::P1);
+            CONTROL.start(embassy_stm32::interrupt::$interrupt)
+        }
+
+        #[embassy_stm32::interrupt]
+        unsafe fn $interrupt() {
+            // SAFETY: this handler is the one place that calls it, and `start` has unmasked the interrupt.
+            unsafe { CONTROL.on_interrupt() }
+        }
+    };
+}
+use control_executor;

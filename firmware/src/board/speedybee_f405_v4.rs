@@ -1,5 +1,5 @@
-//! Board: SpeedyBee F405 V4. The only file that names pins, timers or interrupts.
-//! To port: copy this file, keep its public items, select it in `board/mod.rs` (docs/boards.md).
+//! Board: SpeedyBee F405 V4. Pins, clocks and interrupts.
+//! To port: copy this file, keep its items, select it in `board/mod.rs` (docs/boards.md).
 //!
 //! | part             | pins                     | by                                                  |
 //! |------------------|--------------------------|-----------------------------------------------------|
@@ -19,25 +19,23 @@
 //! Betaflight's `configs/SPEEDYBEEF405V4/config.h`, repository `betaflight/config`: MOTOR1_PIN to MOTOR4_PIN,
 //! GYRO_1_*, UART2_RX_PIN and SERIALRX_UART, ADC_VBAT_PIN, LED0_PIN, SYSTEM_HSE_MHZ, GYRO_1_ALIGN. The divider is
 //! Betaflight's default scale, 110, which the file leaves.
-use core::mem::forget;
-
-use embassy_executor::{InterruptExecutor, SendSpawner};
-use embassy_stm32::adc::{Adc, AdcChannel, AnyAdcChannel, SampleTime};
+use embassy_stm32::adc::{Adc, AdcChannel, SampleTime};
 use embassy_stm32::exti::{self, ExtiInput};
-use embassy_stm32::gpio::{Level, Output, OutputType, Pull, Speed};
-use embassy_stm32::interrupt::{self, InterruptExt, Priority};
-use embassy_stm32::peripherals::{ADC1, DMA1_CH2, DMA1_CH5, DMA1_CH6, DMA2_CH0, DMA2_CH3, IWDG, TIM3, TIM4, USART2};
-use embassy_stm32::spi::{self, Spi};
+use embassy_stm32::gpio::{AnyPin, Level, Output, OutputType, Pull, Speed};
+use embassy_stm32::peripherals::{DMA1_CH2, DMA1_CH5, DMA1_CH6, DMA2_CH0, DMA2_CH3, IWDG, TIM3, TIM4, USART2};
+use embassy_stm32::spi::Spi;
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::Channel::{Ch1, Ch2, Ch3, Ch4};
 use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
-use embassy_stm32::usart::{self, RingBufferedUartRx, UartRx};
+use embassy_stm32::usart::{self, UartRx};
 use embassy_stm32::wdg::IndependentWatchdog;
-use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, pac, rcc};
-use firmware::icm42688::{Mount, SPI_HZ_MAX};
-use firmware::{crsf, dshot};
+use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, interrupt, pac, rcc};
+use firmware::dshot;
+use firmware::icm42688::Mount;
 
+use super::bank::Bank;
+use super::{Battery, Board, RadioBuffer, WATCHDOG_US, control_executor, imu_bus_config, radio_config};
 use crate::motors::Protocol;
 
 /// The board's name, for the log.
@@ -46,17 +44,18 @@ pub(crate) const NAME: &str = "SpeedyBee F405 V4";
 pub(crate) const PROTOCOL: Protocol = Protocol::DShot600;
 /// Battery voltage over pin voltage.
 pub(crate) const BATTERY_DIVIDER: f32 = 11.0;
+/// Time in which the battery's voltage is sampled.
+pub(super) const BATTERY_SAMPLE: SampleTime = SampleTime::CYCLES480;
+/// Bits of a conversion below its upper 12.
+pub(super) const BATTERY_BITS_BEYOND_12: u32 = 0;
 /// Forward is the part's y, right its x, down against its z: it is turned by 90° clockwise, seen from above.
 pub(crate) const IMU_MOUNT: Mount = [(1, false), (0, false), (2, true)];
 /// The status LED is on when its pin is low.
 pub(crate) const STATUS_ON: Level = Level::Low;
+/// The independent watchdog.
+pub(super) type WatchdogUnit = IWDG;
 
-/// Time without a step that was done in time after which the watchdog resets the chip, µs.
-const WATCHDOG_US: u32 = 20_000;
-/// Bytes of the radio receiver that may wait: eight frames.
-const RADIO_BYTES: usize = 208;
-
-bind_interrupts!(struct Irqs {
+bind_interrupts!(pub(crate) struct Irqs {
     EXTI4 => exti::InterruptHandler<interrupt::typelevel::EXTI4>;
     USART2 => usart::InterruptHandler<USART2>;
     DMA1_STREAM2 => dma::InterruptHandler<DMA1_CH2>;
@@ -66,92 +65,33 @@ bind_interrupts!(struct Irqs {
     DMA2_STREAM3 => dma::InterruptHandler<DMA2_CH3>;
 });
 
-/// Parts the application is allowed to hold.
-pub(crate) struct Board {
-    /// The motor outputs.
-    pub(crate) motors: MotorPins,
-    /// The inertial unit's bus.
-    pub(crate) imu_bus: ImuBus,
-    /// The inertial unit's select line, low while it is spoken to.
-    pub(crate) imu_select: Output<'static>,
-    /// Rises when a sample is ready.
-    pub(crate) imu_ready: ImuReady,
-    /// The radio receiver's line.
-    pub(crate) radio: Radio,
-    /// The battery's voltage.
-    pub(crate) battery: Battery,
-    /// The status LED.
-    pub(crate) status: Status,
-    /// Resets the chip once it is unleashed and not fed.
-    pub(crate) watchdog: Watchdog,
-    /// Whether the watchdog has caused this start.
-    pub(crate) bitten: bool,
-}
-
-/// The independent watchdog.
-pub(crate) type Watchdog = IndependentWatchdog<'static, IWDG>;
-/// The inertial unit's bus.
-pub(crate) type ImuBus = Spi<'static, embassy_stm32::mode::Async, spi::mode::Master>;
-/// The inertial unit's data-ready line.
-pub(crate) type ImuReady = ExtiInput<'static, embassy_stm32::mode::Async>;
-/// The radio receiver's line.
-pub(crate) type Radio = RingBufferedUartRx<'static>;
-/// The status LED.
-pub(crate) type Status = Output<'static>;
-
-/// The battery's channel of the converter.
-pub(crate) struct Battery {
-    converter: Adc<'static, ADC1>,
-    channel: AnyAdcChannel<'static, ADC1>,
-}
-
-impl Battery {
-    /// Measures, which takes some 25 µs; 12 bits.
-    pub(crate) fn counts(&mut self) -> u16 {
-        self.converter.blocking_read(&mut self.channel, SampleTime::CYCLES480)
-    }
-}
-
-/// Timers of the motors, two on each, and the DMA streams that write their bursts.
+/// The motors' lines.
 pub(crate) struct MotorPins {
-    first: SimplePwm<'static, TIM4>,
-    second: SimplePwm<'static, TIM3>,
-    first_dma: Peri<'static, DMA1_CH6>,
-    second_dma: Peri<'static, DMA1_CH2>,
+    first: Bank<TIM4, DMA1_CH6, 2>,
+    second: Bank<TIM3, DMA1_CH2, 2>,
 }
 
 impl MotorPins {
-    /// The timer's counts in one period, which are the counts of a DShot bit or of the time between pulses.
+    /// The timers' counts in one period, which are the counts of a DShot bit or of the time between pulses.
     pub(crate) fn counts(&self) -> u32 {
-        self.first.max_duty_cycle()
+        self.first.counts()
     }
 
     /// Sends one DShot frame to each motor; returns when they are through.
     pub(crate) async fn send(&mut self, [a, b, c, d]: [dshot::Value; 4]) {
-        let counts = self.counts() as u16;
-        let first: [u16; 2 * dshot::BITS] = dshot::waveform([a, b], counts);
-        let second: [u16; 2 * dshot::BITS] = dshot::waveform([c, d], counts);
-        embassy_futures::join::join(
-            self.first.waveform_up_multi_channel(self.first_dma.reborrow(), Irqs, Ch1, Ch2, &first),
-            self.second.waveform_up_multi_channel(self.second_dma.reborrow(), Irqs, Ch3, Ch4, &second),
-        )
-        .await;
+        embassy_futures::join::join(self.first.send([a, b]), self.second.send([c, d])).await;
     }
 
     /// Sets how long each motor's pulses are from now on, in counts.
     pub(crate) fn set_pulses(&mut self, [a, b, c, d]: [u32; 4]) {
-        self.first.channel(Ch1).set_duty_cycle(a);
-        self.first.channel(Ch2).set_duty_cycle(b);
-        self.second.channel(Ch3).set_duty_cycle(c);
-        self.second.channel(Ch4).set_duty_cycle(d);
+        self.first.set_pulses([a, b]);
+        self.second.set_pulses([c, d]);
     }
 
     /// Connects the outputs; until then their lines are low.
     pub(crate) fn enable(&mut self) {
-        self.first.channel(Ch1).enable();
-        self.first.channel(Ch2).enable();
-        self.second.channel(Ch3).enable();
-        self.second.channel(Ch4).enable();
+        self.first.enable();
+        self.second.enable();
     }
 }
 
@@ -162,30 +102,22 @@ pub(crate) fn init(radio: &'static mut RadioBuffer) -> Board {
     let p = embassy_stm32::init(clocks());
     enable_flash_caches();
     freeze_motor_timers_in_debug();
-    // TIM5, the clock, and the drivers stay at the highest priority, 0; the control task is next.
-    interrupt::FSMC.set_priority(Priority::P1);
 
     let push = OutputType::PushPull;
     let (m1, m2) = (PwmPin::new(p.PB6, push), PwmPin::new(p.PB7, push));
     let (m3, m4) = (PwmPin::new(p.PB0, push), PwmPin::new(p.PB1, push));
     let (rate, up) = (Hertz(PROTOCOL.timer_hz()), CountingMode::EdgeAlignedUp);
-    let motors = MotorPins {
-        first: SimplePwm::new(p.TIM4, Some(m1), Some(m2), None, None, rate, up),
-        second: SimplePwm::new(p.TIM3, None, None, Some(m3), Some(m4), rate, up),
-        first_dma: p.DMA1_CH6,
-        second_dma: p.DMA1_CH2,
-    };
-
-    let mut bus = spi::Config::default();
-    bus.frequency = Hertz(SPI_HZ_MAX);
-    let mut line = usart::Config::default();
-    line.baudrate = crsf::BAUD;
+    let first = SimplePwm::new(p.TIM4, Some(m1), Some(m2), None, None, rate, up);
+    let second = SimplePwm::new(p.TIM3, None, None, Some(m3), Some(m4), rate, up);
     Board {
-        motors,
-        imu_bus: Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA2_CH3, p.DMA2_CH0, Irqs, bus),
+        motors: MotorPins {
+            first: Bank { timer: first, dma: p.DMA1_CH6, channels: [Ch1, Ch2] },
+            second: Bank { timer: second, dma: p.DMA1_CH2, channels: [Ch3, Ch4] },
+        },
+        imu_bus: Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA2_CH3, p.DMA2_CH0, Irqs, imu_bus_config()),
         imu_select: Output::new(p.PA4, Level::High, Speed::VeryHigh),
         imu_ready: ExtiInput::new(p.PC4, p.EXTI4, Pull::Down, Irqs),
-        radio: UartRx::new(p.USART2, p.PA3, p.DMA1_CH5, Irqs, line)
+        radio: UartRx::new(p.USART2, p.PA3, p.DMA1_CH5, Irqs, radio_config())
             .expect("the baud rate is within the port's range")
             .into_ring_buffered(radio),
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
@@ -201,11 +133,6 @@ fn take_bitten() -> bool {
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
     bitten
 }
-
-/// Where the radio receiver's bytes wait.
-pub(crate) type RadioBuffer = [u8; RADIO_BYTES];
-/// An empty one.
-pub(crate) const RADIO_BUFFER: RadioBuffer = [0; RADIO_BYTES];
 
 /// 168 MHz from the 8 MHz crystal; 48 MHz for USB.
 fn clocks() -> Config {
@@ -245,30 +172,15 @@ fn freeze_motor_timers_in_debug() {
     });
 }
 
-/// Takes the motor lines from their timers and holds them low, whatever the program was doing; speed controllers stop
-/// when pulses cease.
+/// The motors' lines, whoever holds them.
 ///
-/// Not by stopping the timers: that can leave a line high for good.
-pub(crate) fn cut_motors() {
-    // SAFETY: for handlers that never return: nobody who holds these pins runs again.
+/// # Safety
+/// Nobody else may use them from now on.
+pub(super) unsafe fn steal_motor_lines() -> [Peri<'static, AnyPin>; 4] {
+    // SAFETY: as above.
     let p = unsafe { Peripherals::steal() };
-    forget([
-        Output::new(p.PB6, Level::Low, Speed::Low),
-        Output::new(p.PB7, Level::Low, Speed::Low),
-        Output::new(p.PB0, Level::Low, Speed::Low),
-        Output::new(p.PB1, Level::Low, Speed::Low),
-    ]);
+    [p.PB6.into(), p.PB7.into(), p.PB0.into(), p.PB1.into()]
 }
 
-static CONTROL: InterruptExecutor = InterruptExecutor::new();
-
-/// Starts the executor of the control task, on the interrupt of a memory controller that this package has no pins for.
-pub(crate) fn start_control_executor() -> SendSpawner {
-    CONTROL.start(interrupt::FSMC)
-}
-
-#[embassy_stm32::interrupt]
-unsafe fn FSMC() {
-    // SAFETY: this handler is the one place that calls it, and `start` has unmasked the interrupt.
-    unsafe { CONTROL.on_interrupt() }
-}
+// The interrupt of a memory controller that this package has no pins for.
+control_executor!(FSMC);

@@ -1,0 +1,185 @@
+//! Board: Foxeer F722 V4. Pins, clocks and interrupts.
+//!
+//! | part             | pins                     | by                                                  |
+//! |------------------|--------------------------|-----------------------------------------------------|
+//! | motors 1, 2      | PA9, PA8                 | TIM1 channels 2, 1; bursts by DMA2 stream 5         |
+//! | motors 3, 4      | PC9, PC8                 | TIM8 channels 4, 3; bursts by DMA2 stream 1         |
+//! | ICM-42688-P      | PB2, PA5 … PA7           | SPI1; DMA2 streams 0 and 3                          |
+//! | its data ready   | PC4                      | EXTI4                                               |
+//! | radio receiver   | PA3                      | USART2; DMA1 stream 5                               |
+//! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11                     |
+//! | status LED       | PC15, low is on          | GPIO                                                |
+//! | crystal          | 8 MHz                    | PLL, 216 MHz                                        |
+//! | probe            | PA13, PA14               | SWD: nothing else may claim them                    |
+//! | clock            | none                     | TIM5 (`Cargo.toml`, `time-driver-tim5`)             |
+//! | control task     | none                     | interrupt FMC                                       |
+//!
+//! The data cache stays off; all of RAM is reached by DMA (`memory_f722.x`).
+//!
+//! # Source
+//! Betaflight's `configs/FOXEERF722V4/config.h`, repository `betaflight/config`: MOTOR1_PIN to MOTOR4_PIN, GYRO_1_*,
+//! UART2_RX_PIN, ADC_VBAT_PIN, LED0_PIN, GYRO_1_ALIGN. It names no port for the receiver; the second is taken. Crystal and
+//! divider are Betaflight's defaults, which the file leaves. Boards sold with an MPU-6000 in the same place are not driven.
+use embassy_stm32::adc::{Adc, AdcChannel, SampleTime};
+use embassy_stm32::exti::{self, ExtiInput};
+use embassy_stm32::gpio::{AnyPin, Level, Output, OutputType, Pull, Speed};
+use embassy_stm32::peripherals::{DMA1_CH5, DMA2_CH0, DMA2_CH1, DMA2_CH3, DMA2_CH5, IWDG, TIM1, TIM8, USART2};
+use embassy_stm32::spi::Spi;
+use embassy_stm32::time::Hertz;
+use embassy_stm32::timer::Channel::{Ch1, Ch2, Ch3, Ch4};
+use embassy_stm32::timer::low_level::CountingMode;
+use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
+use embassy_stm32::usart::{self, UartRx};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, interrupt, pac, rcc};
+use firmware::dshot;
+use firmware::icm42688::Mount;
+
+use super::bank::Bank;
+use super::{Battery, Board, RadioBuffer, WATCHDOG_US, control_executor, imu_bus_config, radio_config};
+use crate::motors::Protocol;
+
+/// The board's name, for the log.
+pub(crate) const NAME: &str = "Foxeer F722 V4";
+/// What the speed controllers are sent.
+pub(crate) const PROTOCOL: Protocol = Protocol::DShot600;
+/// Battery voltage over pin voltage.
+pub(crate) const BATTERY_DIVIDER: f32 = 11.0;
+/// Time in which the battery's voltage is sampled.
+pub(super) const BATTERY_SAMPLE: SampleTime = SampleTime::CYCLES480;
+/// Bits of a conversion below its upper 12.
+pub(super) const BATTERY_BITS_BEYOND_12: u32 = 0;
+/// Forward is against the part's y, right against its x, down against its z: it is turned by 270° clockwise, seen from above.
+pub(crate) const IMU_MOUNT: Mount = [(1, true), (0, true), (2, true)];
+/// The status LED is on when its pin is low.
+pub(crate) const STATUS_ON: Level = Level::Low;
+/// The independent watchdog.
+pub(super) type WatchdogUnit = IWDG;
+
+bind_interrupts!(pub(crate) struct Irqs {
+    EXTI4 => exti::InterruptHandler<interrupt::typelevel::EXTI4>;
+    USART2 => usart::InterruptHandler<USART2>;
+    DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
+    DMA2_STREAM0 => dma::InterruptHandler<DMA2_CH0>;
+    DMA2_STREAM1 => dma::InterruptHandler<DMA2_CH1>;
+    DMA2_STREAM3 => dma::InterruptHandler<DMA2_CH3>;
+    DMA2_STREAM5 => dma::InterruptHandler<DMA2_CH5>;
+});
+
+/// The motors' lines.
+pub(crate) struct MotorPins {
+    first: Bank<TIM1, DMA2_CH5, 2>,
+    second: Bank<TIM8, DMA2_CH1, 2>,
+}
+
+impl MotorPins {
+    /// The timers' counts in one period, which are the counts of a DShot bit or of the time between pulses.
+    pub(crate) fn counts(&self) -> u32 {
+        self.first.counts()
+    }
+
+    /// Sends one DShot frame to each motor; returns when they are through.
+    pub(crate) async fn send(&mut self, [a, b, c, d]: [dshot::Value; 4]) {
+        embassy_futures::join::join(self.first.send([b, a]), self.second.send([d, c])).await;
+    }
+
+    /// Sets how long each motor's pulses are from now on, in counts.
+    pub(crate) fn set_pulses(&mut self, [a, b, c, d]: [u32; 4]) {
+        self.first.set_pulses([b, a]);
+        self.second.set_pulses([d, c]);
+    }
+
+    /// Connects the outputs; until then their lines are low.
+    pub(crate) fn enable(&mut self) {
+        self.first.enable();
+        self.second.enable();
+    }
+}
+
+/// Claims every peripheral once and leaves the motor lines low.
+///
+/// - `radio`: where the radio receiver's bytes wait.
+pub(crate) fn init(radio: &'static mut RadioBuffer) -> Board {
+    let p = embassy_stm32::init(clocks());
+    start_core_extras();
+    freeze_motor_timers_in_debug();
+
+    let push = OutputType::PushPull;
+    let (m1, m2) = (PwmPin::new(p.PA9, push), PwmPin::new(p.PA8, push));
+    let (m3, m4) = (PwmPin::new(p.PC9, push), PwmPin::new(p.PC8, push));
+    let (rate, up) = (Hertz(PROTOCOL.timer_hz()), CountingMode::EdgeAlignedUp);
+    let first = SimplePwm::new(p.TIM1, Some(m2), Some(m1), None, None, rate, up);
+    let second = SimplePwm::new(p.TIM8, None, None, Some(m4), Some(m3), rate, up);
+    Board {
+        motors: MotorPins {
+            first: Bank { timer: first, dma: p.DMA2_CH5, channels: [Ch1, Ch2] },
+            second: Bank { timer: second, dma: p.DMA2_CH1, channels: [Ch3, Ch4] },
+        },
+        imu_bus: Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA2_CH3, p.DMA2_CH0, Irqs, imu_bus_config()),
+        imu_select: Output::new(p.PB2, Level::High, Speed::VeryHigh),
+        imu_ready: ExtiInput::new(p.PC4, p.EXTI4, Pull::Down, Irqs),
+        radio: UartRx::new(p.USART2, p.PA3, p.DMA1_CH5, Irqs, radio_config())
+            .expect("the baud rate is within the port's range")
+            .into_ring_buffered(radio),
+        battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
+        status: Output::new(p.PC15, Level::High, Speed::Low),
+        watchdog: IndependentWatchdog::new(p.IWDG, WATCHDOG_US),
+        bitten: take_bitten(),
+    }
+}
+
+/// Whether the watchdog has caused this start; the flag that says so is cleared.
+fn take_bitten() -> bool {
+    let bitten = pac::RCC.csr().read().wdgrstf();
+    pac::RCC.csr().modify(|w| w.set_rmvf(true));
+    bitten
+}
+
+/// 216 MHz from the 8 MHz crystal; 48 MHz for USB.
+fn clocks() -> Config {
+    let mut config = Config::default();
+    config.rcc.hse = Some(rcc::Hse { freq: Hertz(8_000_000), mode: rcc::HseMode::Oscillator });
+    config.rcc.pll_src = rcc::PllSource::HSE;
+    config.rcc.pll = Some(rcc::Pll {
+        prediv: rcc::PllPreDiv::DIV4,
+        mul: rcc::PllMul::MUL216,
+        divp: Some(rcc::PllPDiv::DIV2),
+        divq: Some(rcc::PllQDiv::DIV9),
+        divr: None,
+    });
+    config.rcc.ahb_pre = rcc::AHBPrescaler::DIV1;
+    config.rcc.apb1_pre = rcc::APBPrescaler::DIV4;
+    config.rcc.apb2_pre = rcc::APBPrescaler::DIV2;
+    config.rcc.sys = rcc::Sysclk::PLL1_P;
+    config
+}
+
+/// Turns on the instruction cache, and the cycle counter, which this core locks.
+fn start_core_extras() {
+    // SAFETY: nothing else has begun.
+    let mut core = unsafe { cortex_m::Peripherals::steal() };
+    core.SCB.enable_icache();
+    cortex_m::peripheral::DWT::unlock();
+}
+
+/// Stops the motor timers whenever a probe halts the core: without pulses the speed controllers stop by themselves,
+/// where a timer that runs on would repeat the last one.
+fn freeze_motor_timers_in_debug() {
+    pac::DBGMCU.apb2fzr().modify(|w| {
+        w.set_tim1(true);
+        w.set_tim8(true);
+    });
+}
+
+/// The motors' lines, whoever holds them.
+///
+/// # Safety
+/// Nobody else may use them from now on.
+pub(super) unsafe fn steal_motor_lines() -> [Peri<'static, AnyPin>; 4] {
+    // SAFETY: as above.
+    let p = unsafe { Peripherals::steal() };
+    [p.PA9.into(), p.PA8.into(), p.PC9.into(), p.PC8.into()]
+}
+
+// The interrupt of a memory controller that this package has no pins for.
+control_executor!(FMC);
