@@ -1,16 +1,14 @@
 //! One flight: plant, sensors, controller and faults in lock-step.
 use crate::aboard::Aboard;
-use crate::actuators::{Actuators, Told};
+use crate::actuators::Told;
 use crate::controllers::ControllerName;
-use crate::ground::Ground;
-use crate::plant::{Actuation, Truth};
+use crate::machine::{Machine, Moment};
+use crate::plant::Truth;
 use crate::preflight;
 use crate::reference::Target;
 use crate::scenario::Scenario;
-use crate::sensors::{Carrier, Sensors, World};
+use crate::sensors::Sensors;
 use crate::sortie::Decision;
-use crate::vehicle::Vehicle;
-use crate::wind::{Gust, Gusts};
 use control_core::estimate::Estimate;
 use control_core::estimation::EstimatorTelemetry;
 use control_core::measurement::Measurements;
@@ -260,40 +258,26 @@ impl Flight<'_> {
         observe: &mut dyn FnMut(&Sample),
     ) -> Result<Option<Ending>, ConfigError> {
         let scenario = self.scenario;
-        let vehicle = scenario.vehicle();
         let controller = Controller::<S>::try_new(config)?;
         let mut state = controller.hover_state();
-        let ground = Ground { altitude_m: scenario.ground_altitude_m };
-        let mut plant = scenario.plant.hovering(&vehicle, ground, scenario.reference.start_altitude_m());
+        let mut machine = Machine::hovering(self);
         let mut sensors = Sensors::new(scenario.noise, random(self.seed, Stream::Noise));
-        let torques = random(self.seed, Stream::Torque);
-        let mut gusts = Gusts::new(scenario.wind, random(self.seed, Stream::Wind), torques);
-        let dt_s = 1.0 / scenario.control_hz();
-        let mut actuators = Actuators::new(&vehicle, &scenario.fault, dt_s, random(self.seed, Stream::Fault));
-        let mut actuation = Actuation { drives: actuators.hovering(), gust: gusts.step(dt_s) };
-        let mut aboard = self.aboard(&vehicle, ground, &plant.truth(&actuation), &actuators);
+        let mut aboard = machine.aboard();
         let late = (scenario.oracle_delay_s * scenario.control_hz()).round() as usize;
         let nothing = Measurements::default();
         let mut news = VecDeque::from(vec![[1.0; 4]; late]);
-        let ticks = (scenario.duration_s * scenario.control_hz()).round() as usize;
-        for tick in 0..ticks {
-            let t_s = tick as f64 * dt_s;
+        for tick in 0..machine.ticks() {
+            let moment = machine.look(tick);
+            let &Moment { t_s, ref truth, ref effectiveness, .. } = &moment;
             let target = scenario.reference.target(t_s);
-            let effectiveness = actuators.advance(t_s, &plant.rotor_n(&actuation));
-            for (drive, share) in actuation.drives.iter_mut().zip(effectiveness) {
-                drive.share = share;
-            }
-            let truth = plant.truth(&actuation);
-            let mut input = sensors.sample(&truth, actuators.vibration(), &target, dt_s);
+            let mut input = sensors.sample(truth, machine.vibration(), &target, machine.dt_s);
             if let Some(aboard) = &mut aboard {
-                let (vibration, voltage) = (actuators.vibration(), actuators.voltage());
-                let rotor_n = &plant.rotor_n(&actuation);
-                aboard.step(&World { t_s, truth: &truth, vibration, rotor_n, gust: &actuation.gust, voltage });
+                aboard.step(&machine.world(&moment));
                 if aboard.is_flown() {
                     input = aboard.input(target.setpoint());
                 }
             }
-            let told = actuators.told();
+            let told = machine.told();
             news.push_back(told.truth);
             let known = news.pop_front().unwrap_or(told.truth);
             let shares = if self.controller == ControllerName::Oracle { known.map(Some) } else { told.reported };
@@ -301,13 +285,13 @@ impl Flight<'_> {
             let output = controller.tick(&mut state, &input.cast()).to_f32();
             let telemetry = controller.telemetry(&state).to_f32();
             let command_n = output.thrust_n.map(f64::from);
-            let torque = vehicle.torque_n_m(&command_n);
+            let torque = machine.vehicle.torque_n_m(&command_n);
             observe(&Sample {
                 commanded: &[command_n.iter().sum(), torque.x, torque.y, torque.z],
                 tick,
                 t_s,
                 target: &target,
-                truth: &truth,
+                truth,
                 input: &input,
                 measurements: aboard.as_ref().map_or(&nothing, Aboard::measurements),
                 clock_s: aboard.as_ref().map_or(t_s, |aboard| aboard.clock_us(t_s) as f64 * 1e-6),
@@ -317,36 +301,15 @@ impl Flight<'_> {
                 decision: None,
                 output: &output,
                 telemetry: &telemetry,
-                effectiveness: &effectiveness,
+                effectiveness,
                 told: &told,
             });
-            if let Some(ending) = self.ending(t_s, &truth, &target) {
+            if let Some(ending) = self.ending(t_s, truth, &target) {
                 return Ok(Some(ending));
             }
-            actuation.drives = actuators.drive(command_n);
-            plant.advance(&actuation, dt_s, scenario.plant_steps);
-            actuation.gust = gusts.step(dt_s);
+            machine.act(command_n, 0.0);
         }
         Ok(None)
-    }
-
-    /// Sensors and estimator, if the scenario names any. Those that are flown have seen the start for a while.
-    pub(crate) fn aboard(
-        &self,
-        vehicle: &Vehicle,
-        ground: Ground,
-        start: &Truth,
-        actuators: &Actuators,
-    ) -> Option<Aboard> {
-        let Self { scenario, seed, .. } = *self;
-        let keys = scenario.sensors.as_ref()?;
-        let carrier =
-            Carrier { vehicle, ground_altitude_m: ground.altitude_m, control_hz: scenario.control_hz(), seed };
-        let mut aboard = Aboard::new(keys, &scenario.sensor_fault, &carrier);
-        let (vibration, gust) = (actuators.vibration(), &Gust::default());
-        let voltage = actuators.voltage();
-        aboard.hold(&World { t_s: 0.0, truth: start, vibration, rotor_n: &start.thrust_n, gust, voltage });
-        Some(aboard)
     }
 
     /// Whether this is the end of the flight.

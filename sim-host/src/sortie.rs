@@ -8,19 +8,17 @@
 //!
 //! Where the scenario flies no sensors the autopilot is given the truth with `[noise]`, and all of it is healthy.
 use crate::aboard::Aboard;
-use crate::actuators::Actuators;
 use crate::flight::{Cause, Crash, Ending, Flight, Sample, Stream, Touchdown, UPRIGHT_RAD_MAX, random};
-use crate::ground::Ground;
-use crate::plant::{Actuation, Plant, RigidPlant, Truth};
+use crate::machine::{Machine, Moment};
+use crate::plant::Truth;
 use crate::scenario::{AutopilotKeys, Event};
-use crate::sensors::{Sensors, World};
-use crate::wind::Gusts;
+use crate::sensors::Sensors;
 use control_core::autopilot::{AutopilotState, Command};
 use control_core::estimate::{Estimate, Health, Sigma};
 use control_core::flight::{Arrived, Helm};
 use control_core::frames::Vec3;
 use control_core::measurement::{Measurements, Stamped};
-use control_core::{Config, ConfigError, GRAVITY_M_S2, Input, Output, Setpoint};
+use control_core::{Config, ConfigError, Input, Output, Setpoint};
 use std::f64::consts::TAU;
 
 /// How often a hand rocks the machine, Hz, and how hard, as a share of what tips it over.
@@ -99,36 +97,23 @@ impl Flight<'_> {
         observe: &mut dyn FnMut(&Sample),
     ) -> Result<Option<Ending>, ConfigError> {
         let scenario = self.scenario;
-        let vehicle = scenario.vehicle();
         // The scenario's check has set them before.
         let mut helm = Helm::try_new(config, &keys.values().unwrap_or_default(), 1)?;
-        let ground = Ground { altitude_m: scenario.ground_altitude_m };
-        let mut plant = RigidPlant::standing(&vehicle, ground, ground.standing_m().unwrap_or_default());
+        let mut machine = Machine::standing(self);
         let mut sensors = Sensors::new(scenario.noise, random(self.seed, Stream::Noise));
-        let mut gusts = Gusts::new(scenario.wind, random(self.seed, Stream::Wind), random(self.seed, Stream::Torque));
-        let dt_s = 1.0 / scenario.control_hz();
-        let mut actuators = Actuators::new(&vehicle, &scenario.fault, dt_s, random(self.seed, Stream::Fault)).at_rest();
-        let mut actuation = Actuation { drives: actuators.drive([0.0; 4]), gust: gusts.step(dt_s) };
-        let mut aboard = self.aboard(&vehicle, ground, &plant.truth(&actuation), &actuators);
+        let mut aboard = machine.aboard();
         let mut outside = Outside::new(&scenario.event);
-        let arm_m = vehicle.arms_m.iter().fold(0.0, |most: f64, [_, right]| most.max(right.abs()));
-        let weight_torque_nm = vehicle.mass_kg * f64::from(GRAVITY_M_S2) * arm_m;
+        let weight_torque_nm = machine.vehicle.weight_torque_nm();
         let nothing = Measurements::default();
-        for tick in 0..(scenario.duration_s * scenario.control_hz()).round() as usize {
-            let t_s = tick as f64 * dt_s;
+        for tick in 0..machine.ticks() {
+            let moment = machine.look(tick);
+            let &Moment { t_s, ref truth, ref effectiveness, .. } = &moment;
             let target = scenario.reference.target(t_s);
-            let effectiveness = actuators.advance(t_s, &plant.rotor_n(&actuation));
-            for (drive, share) in actuation.drives.iter_mut().zip(effectiveness) {
-                drive.share = share;
-            }
-            let truth = plant.truth(&actuation);
-            let mut input = sensors.sample(&truth, actuators.vibration(), &target, dt_s);
+            let mut input = sensors.sample(truth, machine.vibration(), &target, machine.dt_s);
             let mut now_us = libm::round(t_s * 1e6) as u64;
             let mut estimate = shown(&input, now_us);
             if let Some(aboard) = &mut aboard {
-                let (vibration, voltage) = (actuators.vibration(), actuators.voltage());
-                let rotor_n = &plant.rotor_n(&actuation);
-                aboard.step(&World { t_s, truth: &truth, vibration, rotor_n, gust: &actuation.gust, voltage });
+                aboard.step(&machine.world(&moment));
                 if aboard.is_flown() {
                     now_us = aboard.clock_us(t_s);
                     (estimate, input) = (*aboard.estimate(), aboard.input(target.setpoint()));
@@ -138,20 +123,20 @@ impl Flight<'_> {
             if outside.step(t_s) {
                 helm.begin_wiring_check();
             }
-            let told = actuators.told();
+            let told = machine.told();
             helm.report(told.reported);
             let arrived = outside.arrived(now_us, target.setpoint(), measurements);
             helm.step(now_us, &estimate, outside.now.gyro_calibrated != Some(false), &arrived);
             // Each step decides.
             let Some(command) = helm.decision() else { continue };
-            let command_n = command.motors.map(|motor| f64::from(motor) * vehicle.thrust_n_max());
-            let torque = vehicle.torque_n_m(&command_n);
+            let command_n = command.motors.map(|motor| f64::from(motor) * machine.vehicle.thrust_n_max());
+            let torque = machine.vehicle.torque_n_m(&command_n);
             observe(&Sample {
                 commanded: &[command_n.iter().sum(), torque.x, torque.y, torque.z],
                 tick,
                 t_s,
                 target: &target,
-                truth: &truth,
+                truth,
                 input: &input,
                 measurements,
                 clock_s: now_us as f64 * 1e-6,
@@ -161,16 +146,13 @@ impl Flight<'_> {
                 decision: Some(&Decision { command, state: helm.state() }),
                 output: &Output { thrust_n: command_n.map(|n| n as f32), rejected: command.rejected },
                 telemetry: &helm.controller().telemetry(&helm.state().controller),
-                effectiveness: &effectiveness,
+                effectiveness,
                 told: &told,
             });
-            if let Some(cause) = self.broken(&truth) {
+            if let Some(cause) = self.broken(truth) {
                 return Ok(Some(Ending::Crashed(Crash { t_s, cause })));
             }
-            actuation.drives = actuators.drive(command_n);
-            plant.advance(&actuation, dt_s, scenario.plant_steps);
-            actuation.gust = gusts.step(dt_s);
-            actuation.gust.torque_nm.x += outside.hand_nm(t_s, weight_torque_nm);
+            machine.act(command_n, outside.hand_nm(t_s, weight_torque_nm));
         }
         Ok(None)
     }

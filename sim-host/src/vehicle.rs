@@ -151,6 +151,12 @@ impl Vehicle {
         self.thrust_to_weight * self.mass_kg * f64::from(GRAVITY_M_S2) / 4.0
     }
 
+    /// Torque of the weight on the longest arm to the side, which tips it over its feet, N m.
+    pub fn weight_torque_nm(&self) -> f64 {
+        let arm_m = self.arms_m.iter().fold(0.0, |most: f64, [_, right]| most.max(right.abs()));
+        self.mass_kg * f64::from(GRAVITY_M_S2) * arm_m
+    }
+
     /// Torque of the rotors on the body, N m (paper eq 11 to 13, with κ for d).
     pub fn torque_n_m(&self, thrust_n: &[f64; 4]) -> Vector3<f64> {
         let [f1, f2, f3, f4] = *thrust_n;
