@@ -4,9 +4,9 @@
 use control_core::flight::{Command, Flight};
 use control_core::parameters::Parameters;
 use firmware::record::Record;
+use sim_host::emulator::{Answer, Emulator, Mishap, Motion};
 use std::f32::consts::TAU;
 use system_tests::aloft::{Aloft, Hands, SAMPLE_HZ};
-use system_tests::emulator::{Answer, Emulator, Mishap, Motion};
 
 /// How long it is thrown about, s.
 const SECONDS: u32 = 10;
@@ -28,16 +28,20 @@ fn thrown_about(step: u32) -> Motion {
 
 /// Flies `seconds` and gives every answer to `look`, from the image's first step on.
 fn fly(seconds: u32, mut look: impl FnMut(u32, &Motion, &Answer)) {
-    let mut emulator = Emulator::start();
+    let mut emulator = Emulator::start().expect("emulator and image build");
+    let mut period = |motion: &Motion| {
+        emulator.move_body(motion);
+        emulator.period().expect("the image runs")
+    };
     let mut motion = thrown_about(0);
-    let mut answer = emulator.step(&motion);
+    let mut answer = period(&motion);
     while answer.record.is_none() {
-        answer = emulator.step(&motion);
+        answer = period(&motion);
     }
     for step in 0..seconds * SAMPLE_HZ {
         look(step, &motion, &answer);
         motion = thrown_about(step);
-        answer = emulator.step(&motion);
+        answer = period(&motion);
     }
 }
 

@@ -1,9 +1,9 @@
 //! The emulated image in a simulated machine: sensors from the plant, thrust from what the speed controllers hear.
 //!
 //! Noise is white, of about the part's size. A rotor's thrust grows with the square of what its controller is told.
-use crate::emulator::{Answer, Emulator, Mishap, Motion};
 use crate::motion::Noise;
 use sim_host::actuators::Drive;
+use sim_host::emulator::{Answer, Emulator, Mishap, Motion};
 use sim_host::ground::Ground;
 use sim_host::plant::{Actuation, Plant, RigidPlant, Truth};
 use sim_host::vehicle::{AirframeName, Vehicle, VehicleKeys};
@@ -56,8 +56,9 @@ impl Aloft {
         let ground = Ground { altitude_m: Some(0.0) };
         let plant = RigidPlant::standing(&vehicle, ground, ground.standing_m().expect("there is ground"));
         let drive = Drive { command_n: 0.0, lag_s: keys.motor_lag_s, rate_n_s_max: f64::INFINITY, share: 1.0 };
-        let mut emulator = Emulator::start();
-        let answer = emulator.step(&Motion { force_m_s2: [0.0, 0.0, -9.81], rate_rad_s: [0.0; 3] });
+        let mut emulator = Emulator::start().expect("emulator and image build");
+        emulator.move_body(&Motion { force_m_s2: [0.0, 0.0, -9.81], rate_rad_s: [0.0; 3] });
+        let answer = emulator.period().expect("the image boots");
         let actuation = Actuation { drives: [drive; 4], gust: Gust::default() };
         Self { emulator, plant, actuation, vehicle, noise: Noise::new(7), samples: 0, answer }
     }
@@ -78,6 +79,9 @@ impl Aloft {
     }
 
     /// One sample of flight.
+    ///
+    /// # Panics
+    /// If the image does what the emulator does not model.
     pub fn step(&mut self, hands: &Hands) {
         if self.samples.is_multiple_of(RADIO_EVERY) {
             self.emulator.send_channels(channels(hands));
@@ -88,7 +92,8 @@ impl Aloft {
             force_m_s2: noisy(truth.specific_force_m_s2.into(), self.noise.normals(FORCE_M_S2)),
             rate_rad_s: noisy(truth.rate_rad_s.into(), self.noise.normals(RATE_RAD_S)),
         };
-        self.answer = self.emulator.step(&motion);
+        self.emulator.move_body(&motion);
+        self.answer = self.emulator.period().expect("the image runs");
         for (drive, told) in self.actuation.drives.iter_mut().zip(self.answer.told) {
             let speed = told.filter(|&told| told > 0).map_or(0.0, |told| {
                 let [slowest, fastest] = VALUES;

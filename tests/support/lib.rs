@@ -10,8 +10,6 @@ use std::sync::OnceLock;
 #[cfg(feature = "emulated")]
 pub mod aloft;
 pub mod bench;
-#[cfg(feature = "emulated")]
-pub mod emulator;
 pub mod estimation;
 pub mod garbage;
 pub mod motion;
