@@ -13,15 +13,17 @@ use system_tests::{fly, metric, shipped, trace};
 const SEEDS: u64 = 5;
 const ALTITUDE: &str = "altitude_deviation_max_m";
 const LATERAL: &str = "lateral_deviation_max_m";
+/// Control rates: the scenarios' own, and the board's, on which the same tuning flies.
+const RATES_HZ: [Option<f64>; 2] = [None, Some(2_000.0)];
 
 #[test]
 fn one_weak_rotor_is_held_in_altitude_and_sideways() {
-    for (name, altitude_m, lateral_m) in
-        [("single_rotor_20", 0.003, 0.004), ("single_rotor_40", 0.006, 0.008), ("single_rotor_60", 0.010, 0.016)]
-    {
-        let flights = fly(&shipped(name), Default, 1, SEEDS);
+    let bounds =
+        [("single_rotor_20", 0.003, 0.004), ("single_rotor_40", 0.006, 0.008), ("single_rotor_60", 0.010, 0.016)];
+    for ((name, altitude_m, lateral_m), control_hz) in bounds.into_iter().flat_map(|row| RATES_HZ.map(|hz| (row, hz))) {
+        let flights = fly(&Scenario { control_hz, ..shipped(name) }, Default, 1, SEEDS);
         let (altitude, lateral) = (metric(&flights, ALTITUDE).0, metric(&flights, LATERAL).0);
-        assert!(altitude <= altitude_m && lateral <= lateral_m, "{name}: {altitude} {lateral}");
+        assert!(altitude <= altitude_m && lateral <= lateral_m, "{name} at {control_hz:?} Hz: {altitude} {lateral}");
         if name != "single_rotor_60" {
             let (yaw, _) = metric(&flights, "yaw_deviation_max_rad");
             assert!(yaw < 0.1, "{name}: heading is held where it can be: {yaw}");
@@ -43,8 +45,10 @@ fn at_40_percent_of_one_rotor_it_is_within_four_times_of_who_knows() {
 #[test]
 fn the_papers_fault_is_held_with_quick_and_with_slow_motors() {
     let deviation = |name: &str, controller| metric(&fly(&shipped(name), controller, 1, SEEDS), ALTITUDE).0;
-    let quick = deviation("flight", Default);
-    assert!(quick <= 0.010, "{quick}");
+    for control_hz in RATES_HZ {
+        let quick = metric(&fly(&Scenario { control_hz, ..shipped("flight") }, Default, 1, SEEDS), ALTITUDE).0;
+        assert!(quick <= 0.010, "at {control_hz:?} Hz: {quick}");
+    }
     let (slow, alone) = (deviation("lag_50ms", Default), deviation("lag_50ms", Lgs));
     assert!(slow <= 0.028 && slow <= alone, "{slow} against {alone}");
 }

@@ -1,7 +1,7 @@
 //! Flight: what a control loop calls between reading and writing. The same on the board, in simulation and in replay.
 //!
 //! ```text
-//!             every inertial sample      every n-th
+//!             every inertial sample
 //! measurements ─► Estimator ─► estimate ─► Helm: Autopilot ─► Command
 //! pilot, companion, system ─────────────────┘
 //! ```
@@ -28,8 +28,6 @@ pub struct FlightConfig {
     pub controller: Config,
     /// The estimator; the rate of its gyro is that of the steps.
     pub estimator: EstimatorConfig,
-    /// Inertial samples in a step of the autopilot, at least one.
-    pub samples_a_step: u32,
 }
 
 /// What cannot fly.
@@ -93,7 +91,7 @@ impl Flight {
     /// # Errors
     /// [`Unflyable`] names the first value that cannot fly.
     pub fn try_new(config: &FlightConfig, parameters: &Parameters) -> Result<Self, Unflyable> {
-        let helm = Helm::try_new(&config.controller, parameters, config.samples_a_step)?;
+        let helm = Helm::try_new(&config.controller, parameters)?;
         let estimator = Estimator::try_new(&config.estimator)?;
         Ok(Self { state: estimator.state(), estimator, helm })
     }
@@ -133,8 +131,6 @@ pub struct Helm {
     offboard: Option<Stamped<Setpoint>>,
     battery_v: Option<f32>,
     late: bool,
-    samples_a_step: u32,
-    samples: u32,
     decided_us: Option<u64>,
     decision: Option<autopilot::Command>,
     command: Command,
@@ -143,11 +139,9 @@ pub struct Helm {
 impl Helm {
     /// Just switched on, with these parameters.
     ///
-    /// - `samples_a_step`: calls of [`Helm::step`] in a step of the autopilot; 0 is taken for 1.
-    ///
     /// # Errors
     /// [`ConfigError`] names the first value that cannot fly.
-    pub fn try_new(config: &Config, parameters: &Parameters, samples_a_step: u32) -> Result<Self, ConfigError> {
+    pub fn try_new(config: &Config, parameters: &Parameters) -> Result<Self, ConfigError> {
         let autopilot = Autopilot::try_new(config, parameters)?;
         Ok(Self {
             state: autopilot.state(),
@@ -156,8 +150,6 @@ impl Helm {
             offboard: None,
             battery_v: None,
             late: false,
-            samples_a_step,
-            samples: 0,
             decided_us: None,
             decision: None,
             command: Command::Stop,
@@ -173,13 +165,7 @@ impl Helm {
         self.offboard = arrived.offboard.or(self.offboard);
         self.battery_v = arrived.measurements.battery_v.map(|battery| battery.value).or(self.battery_v);
         self.late |= arrived.late;
-        if self.samples == 0 {
-            self.decide(now_us, estimate, gyro_calibrated, arrived);
-        }
-        self.samples += 1;
-        if self.samples >= self.samples_a_step {
-            self.samples = 0;
-        }
+        self.decide(now_us, estimate, gyro_calibrated, arrived);
         self.command
     }
 
@@ -251,13 +237,11 @@ mod tests {
     const PERIOD_US: u64 = 500;
     const SAMPLE_HZ: f32 = 2_000.0;
 
-    /// Four samples a step of the autopilot, as the image flies.
     fn flight() -> Flight {
         let gyro = GyroConfig { sample_hz: SAMPLE_HZ, ..EstimatorConfig::FLIGHT.gyro };
         let config = FlightConfig {
-            controller: Config::tolerant(Airframe::paper(2.2)),
+            controller: Config { control_hz: SAMPLE_HZ, ..Config::tolerant(Airframe::paper(2.2)) },
             estimator: EstimatorConfig { gyro, ..EstimatorConfig::FLIGHT },
-            samples_a_step: 4,
         };
         Flight::try_new(&config, &Parameters::default()).unwrap()
     }

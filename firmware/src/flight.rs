@@ -8,8 +8,6 @@ use crate::icm42688;
 
 /// Thrust over weight of the airframe that is flown.
 pub const THRUST_TO_WEIGHT: f32 = 2.2;
-/// Inertial samples in a step of the autopilot, whose gains and watch over the rotors are for 500 steps a second.
-pub const SAMPLES_A_STEP: u32 = 4;
 
 /// The flight of a board just switched on, with these parameters.
 ///
@@ -18,9 +16,8 @@ pub const SAMPLES_A_STEP: u32 = 4;
 pub fn boot(parameters: &Parameters) -> Result<Flight, Unflyable> {
     let gyro = GyroConfig { sample_hz: icm42688::SAMPLE_HZ, ..EstimatorConfig::FLIGHT.gyro };
     let config = FlightConfig {
-        controller: Config::tolerant(Airframe::paper(THRUST_TO_WEIGHT)),
+        controller: Config { control_hz: icm42688::SAMPLE_HZ, ..Config::tolerant(Airframe::paper(THRUST_TO_WEIGHT)) },
         estimator: EstimatorConfig { gyro, ..EstimatorConfig::FLIGHT },
-        samples_a_step: SAMPLES_A_STEP,
     };
     Flight::try_new(&config, parameters)
 }

@@ -98,7 +98,7 @@ impl Flight<'_> {
     ) -> Result<Option<Ending>, ConfigError> {
         let scenario = self.scenario;
         // The scenario's check has set them before.
-        let mut helm = Helm::try_new(config, &keys.values().unwrap_or_default(), 1)?;
+        let mut helm = Helm::try_new(config, &keys.values().unwrap_or_default())?;
         let mut machine = Machine::standing(self);
         let mut sensors = Sensors::new(scenario.noise, random(self.seed, Stream::Noise));
         let mut aboard = machine.aboard();
