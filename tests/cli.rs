@@ -299,3 +299,23 @@ fn estimate_judges_a_flight_on_sensors_and_refuses_one_on_the_truth() {
     assert!((1e-3..1.0).contains(&tilt_deg), "{tilt_deg}");
     assert_eq!(judged["flights"].as_array().map(Vec::len), Some(2));
 }
+
+#[test]
+fn what_the_image_cannot_fly_is_refused_by_name() {
+    let through = ["--through", "emulator"];
+    for (command, scenario, said) in [
+        ("fly", "flight", "scenarios/flight.toml: autopilot = nothing: must be a table"),
+        (
+            "fly",
+            "sorties/vision_lost",
+            "scenarios/sorties/vision_lost.toml: sensors.rotor_speed = a part: must be left out",
+        ),
+        ("fly", "sorties/arming_pilot", "scenarios/sorties/arming_pilot.toml: "),
+        ("compare", "image/hop_by_hand", "controllers = pid: must be `default` alone"),
+    ] {
+        let output = sim_host(&[&[command, &format!("scenarios/{scenario}.toml")][..], &through].concat());
+        assert_eq!(output.status.code(), Some(2), "{scenario}");
+        let line = String::from_utf8_lossy(&output.stderr);
+        assert!(line.contains(said) && line.contains("(--through emulator)"), "{line}");
+    }
+}

@@ -4,9 +4,14 @@
 use control_core::flight::{Command, Flight};
 use control_core::parameters::Parameters;
 use firmware::record::Record;
+use sim_host::controllers::ControllerName;
 use sim_host::emulator::{Answer, Emulator, Mishap, Motion};
+use sim_host::flight::{Flight as Sortie, NumberFormat};
+use sim_host::metrics::fly_measured;
+use sim_host::through;
 use std::f32::consts::TAU;
 use system_tests::aloft::{Aloft, Hands, SAMPLE_HZ};
+use system_tests::{root, shipped};
 
 /// How long it is thrown about, s.
 const SECONDS: u32 = 10;
@@ -141,6 +146,25 @@ fn it_arms_takes_off_loses_part_of_a_rotor_lands_and_disarms_as_the_host_would()
     // Four fifths of a period, of which the frame itself takes 27 µs.
     assert!(aloft.answer.latency_max as f64 <= 0.8 * CORE_HZ / f64::from(SAMPLE_HZ));
     assert!(load <= 0.5, "{load}");
+}
+
+#[test]
+fn a_scenario_is_flown_by_the_image_as_it_is_by_the_host() {
+    let scenario = shipped("image/hop_by_hand");
+    let for_image = scenario.for_image(&root()).expect("made for it");
+    let sortie =
+        |scenario| Sortie { scenario, controller: ControllerName::Default, seed: 1, format: NumberFormat::F32 };
+    let top = |flown: &mut f64, altitude_m: f64| *flown = flown.max(altitude_m);
+    let [mut native_m, mut image_m] = [0.0; 2];
+    let native = fly_measured(&sortie(&scenario), &mut |sample| top(&mut native_m, sample.truth.altitude_m()));
+    let (image, board) =
+        through::fly_measured(&sortie(&for_image), &mut |sample| top(&mut image_m, sample.truth.altitude_m()))
+            .expect("it flies");
+    println!("highest {native_m:.3} m, on the image {image_m:.3} m; {:?}", board.verdict.commands);
+    assert!(native.expect("it flies").survived() && image.survived());
+    assert!((native_m - image_m).abs() < 0.1 && image_m > 2.0, "{native_m} m, on the image {image_m} m");
+    assert_eq!(board.verdict.parting, None);
+    assert!(board.verdict.commands > 17 * SAMPLE_HZ, "{}", board.verdict.commands);
 }
 
 #[test]

@@ -1,10 +1,8 @@
 //! The command line.
-use crate::chronicle::{Chronicle, Happening};
 use crate::controllers::ControllerName;
 use crate::figures::{FIGURES, Trace, limits::Outcome, png, svg};
 use crate::flight::{Flight, NumberFormat, Sample};
-use crate::log::{Log, TickRecord};
-use crate::metrics::{Flown, METRICS, fly_measured};
+use crate::log::Log;
 use crate::output::Files;
 use crate::report::{Comparison, Entry, Page};
 use crate::scenario::Scenario;
@@ -16,13 +14,16 @@ use std::error::Error;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use through::Through;
 
 mod detect;
 mod estimate;
+mod fly;
 mod limits;
 mod params;
 mod sensors;
 mod suite;
+mod through;
 
 /// Flies quadrotors that lose thrust, and compares the controllers that keep them up.
 #[derive(Parser)]
@@ -35,7 +36,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     /// Fly once: log.csv, and figures.
-    Fly(FlyArgs),
+    Fly(fly::FlyArgs),
     /// Fly the same flights under each controller: a table, report.html, results.json, logs and figures.
     Compare(CompareArgs),
     /// Fly the detector through silent losses and healthy hours: delays, misses, false alarms and the ROC.
@@ -52,32 +53,6 @@ enum Command {
     Params(params::ParamsArgs),
     /// Print the JSON Schema of a scenario.
     Schema,
-}
-
-#[derive(Args)]
-struct FlyArgs {
-    /// The scenario, a TOML file.
-    scenario: PathBuf,
-    #[command(flatten)]
-    with: With,
-    /// Who flies.
-    #[arg(long, value_enum, default_value_t = ControllerName::Default)]
-    controller: ControllerName,
-    /// Seed of noise and wind; the scenario's if left out.
-    #[arg(long)]
-    seed: Option<u64>,
-    /// Where results go; `out/<scenario>` if left out.
-    #[arg(long)]
-    out: Option<PathBuf>,
-    /// The controller's arithmetic.
-    #[arg(long, value_enum, default_value_t = NumberFormat::F32)]
-    format: NumberFormat,
-    /// Rows of log.csv a second, at most the control rate.
-    #[arg(long, default_value_t = LOG_HZ, value_parser = clap::value_parser!(u32).range(1..=8000))]
-    log_hz: u32,
-    /// Also write every tick's inputs and thrusts to this file, for a board to repeat.
-    #[arg(long, value_name = "FILE")]
-    ticks: Option<PathBuf>,
 }
 
 #[derive(Args)]
@@ -101,6 +76,9 @@ struct CompareArgs {
     /// The controllers' arithmetic.
     #[arg(long, value_enum, default_value_t = NumberFormat::F32)]
     format: NumberFormat,
+    /// Who decides: the core on this computer, or the image on an emulated board.
+    #[arg(long, value_enum, default_value_t = Through::Native)]
+    through: Through,
     /// Print results.json instead of the table.
     #[arg(long)]
     json: bool,
@@ -134,7 +112,7 @@ pub fn run() -> ExitCode {
         main_job.command.unwrap_or(Command::Schema)
     });
     let result = match &command {
-        Command::Fly(args) => fly(args),
+        Command::Fly(args) => fly::fly(args),
         Command::Compare(args) => compare(args),
         Command::Detect(args) => detect::detect(args),
         Command::Suite(args) => suite::suite(args),
@@ -243,67 +221,18 @@ fn draw_limits(files: &mut Files, comparison: &Comparison) -> Result<Option<(&'s
     Ok(Some(("The faults beside what physics allows", svg)))
 }
 
-fn fly(args: &FlyArgs) -> Result<(), Failure> {
-    let scenario = load(&args.scenario, &args.with)?;
-    let folder = folder(args.out.as_ref(), &args.scenario)?;
-    let controller = args.controller;
-    let seed = args.seed.unwrap_or(scenario.seed);
-    let flight = Flight { scenario: &scenario, controller, seed, format: args.format };
-    let mut log = Log::at_rate(args.log_hz.into(), scenario.control_hz());
-    let mut ticks = match &args.ticks {
-        None => None,
-        Some(path) => Some(TickRecord::new(controller).ok_or_else(|| {
-            Failure::bad_input(format!("--ticks {}: only lgs and default are known to the board", path.display()))
-        })?),
-    };
-    let mut chronicle = Chronicle::default();
-    let flown = fly_measured(&flight, &mut |sample| {
-        log.note(sample);
-        chronicle.step(sample);
-        if let Some(ticks) = &mut ticks {
-            ticks.note(sample);
-        }
-    })
-    .map_err(refused(&args.scenario, controller))?;
-
-    let mut files = Files::default();
-    files.add("log.csv", log.to_csv().map_err(Failure::writing(&folder))?);
-    draw(&mut files, &[Trace { controller, log: &log }], &scenario)?;
-    if let (Some(path), Some(ticks)) = (&args.ticks, &ticks) {
-        std::fs::File::create(path).and_then(|file| ticks.write(file)).map_err(Failure::writing(path))?;
-    }
-    files.write(&folder).map_err(Failure::writing(&folder))?;
-    for Happening { t_s, what } in chronicle.happenings() {
-        say(&format!("{t_s:9.3} s  {what}\n"))?;
-    }
-    say(&format!("{}log.csv and the figures are in {}\n", summary(&flown), folder.display()))
-}
-
-/// The metrics of one flight, a line each.
-fn summary(flown: &Flown) -> String {
-    let end = match flown {
-        Flown { crash: Some(crash), .. } => crash.to_string(),
-        Flown { landing: Some(landing), .. } => landing.to_string(),
-        Flown { refusal: Some(refusal), .. } => refusal.to_string(),
-        _ => "flew to the end".to_owned(),
-    };
-    METRICS
-        .iter()
-        .filter_map(|metric| Some((metric, (metric.of)(&flown.metrics)?)))
-        .fold(end + "\n", |text, (metric, value)| format!("{text}{:<28} {value:.6}\n", metric.name))
-}
-
 fn compare(args: &CompareArgs) -> Result<(), Failure> {
     let scenario = load(&args.scenario, &args.with)?;
     let folder = folder(args.out.as_ref(), &args.scenario)?;
-    let base = args.seed.unwrap_or(scenario.seed);
     let controllers = chosen(&args.controllers);
+    let scenario = args.through.prepare(&args.scenario, scenario, &controllers, args.format)?;
+    let base = args.seed.unwrap_or(scenario.seed);
     // Drawn on a terminal only, on standard error.
     let bar = ProgressBar::new(controllers.len() as u64 * args.seeds);
     let mut entries = Vec::new();
     let mut logs = Vec::new();
     for controller in controllers {
-        let seeds = Seeds { base, count: args.seeds, format: args.format };
+        let seeds = Seeds { base, count: args.seeds, format: args.format, through: args.through };
         let (entry, log) = fly_seeds(&args.scenario, &scenario, controller, &seeds, &bar)?;
         entries.push(entry);
         logs.push((controller, log));
@@ -349,6 +278,7 @@ struct Seeds {
     base: u64,
     count: u64,
     format: NumberFormat,
+    through: Through,
 }
 
 /// Every flight of one controller, and the log of the first.
@@ -361,9 +291,9 @@ fn fly_seeds(
 ) -> Result<(Entry, Log), Failure> {
     let fly = |seed: u64, observe: &mut dyn FnMut(&Sample)| {
         let flight = Flight { scenario, controller, seed, format: seeds.format };
-        let flown = fly_measured(&flight, observe).map_err(refused(file, controller));
+        let (flown, board) = seeds.through.fly(file, &flight, observe)?;
         bar.inc(1);
-        flown
+        board.as_ref().map_or(Ok(()), through::judge).map(|()| flown)
     };
     let mut log = Log::at_rate(LOG_HZ.into(), scenario.control_hz());
     let others = |i: u64| fly(seeds.base.wrapping_add(i), &mut |_| {});

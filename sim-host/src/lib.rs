@@ -25,5 +25,6 @@ pub mod report;
 pub mod scenario;
 pub mod sensors;
 pub mod sortie;
+pub mod through;
 pub mod vehicle;
 pub mod wind;

@@ -171,7 +171,7 @@ impl Log {
     /// Takes a tick, if it is to be logged.
     pub fn note(&mut self, sample: &Sample) {
         if sample.tick.is_multiple_of(self.every) {
-            self.estimated = sample.aboard.is_some_and(Aboard::is_flown);
+            self.estimated = sample.estimator.is_some() && sample.aboard.is_none_or(Aboard::is_flown);
             self.rows.push(columns(self.estimated).map(|(_, of)| of(sample)).collect());
         }
     }

@@ -73,9 +73,18 @@ impl Flown {
 
 /// Flies and measures; `observe` sees every tick as well.
 pub fn fly_measured(flight: &Flight, observe: &mut dyn FnMut(&Sample)) -> Result<Flown, ConfigError> {
+    measured(flight, |observe| flight.fly(observe), observe)
+}
+
+/// Measures what `fly` flies.
+pub(crate) fn measured<E>(
+    flight: &Flight,
+    fly: impl FnOnce(&mut dyn FnMut(&Sample)) -> Result<Option<Ending>, E>,
+    observe: &mut dyn FnMut(&Sample),
+) -> Result<Flown, E> {
     let mut meter = Meter::new(flight.scenario);
     let mut accountant = Accountant::new(flight.scenario);
-    let ending = flight.fly(&mut |sample| {
+    let ending = fly(&mut |sample| {
         meter.note(sample);
         accountant.note(sample);
         observe(sample);

@@ -17,6 +17,7 @@ use std::collections::BTreeMap;
 mod check;
 mod event;
 mod faults;
+mod image;
 mod load;
 mod sensors;
 

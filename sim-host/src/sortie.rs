@@ -18,6 +18,7 @@ use control_core::estimate::{Estimate, Health, Sigma};
 use control_core::flight::{Arrived, Helm};
 use control_core::frames::Vec3;
 use control_core::measurement::{Measurements, Stamped};
+use control_core::pilot::PilotInput;
 use control_core::{Config, ConfigError, Input, Output, Setpoint};
 use std::f64::consts::TAU;
 
@@ -26,18 +27,18 @@ const HAND_HZ: f64 = 3.0;
 const HAND_SHARE: f64 = 0.6;
 
 /// What is outside the autopilot.
-struct Outside<'a> {
+pub(crate) struct Outside<'a> {
     events: &'a [Event],
     now: Event,
 }
 
 impl<'a> Outside<'a> {
-    fn new(events: &'a [Event]) -> Self {
+    pub(crate) fn new(events: &'a [Event]) -> Self {
         Self { events, now: Event::default() }
     }
 
     /// Lets happen what happens by `t_s`; whether the wiring check begins.
-    fn step(&mut self, t_s: f64) -> bool {
+    pub(crate) fn step(&mut self, t_s: f64) -> bool {
         let mut check_wiring = false;
         while let Some((event, later)) = self.events.split_first().filter(|(event, _)| event.at_s <= t_s + 1e-9) {
             self.now.take(event);
@@ -47,6 +48,11 @@ impl<'a> Outside<'a> {
         check_wiring
     }
 
+    /// What the pilot says, if he is heard.
+    pub(crate) fn pilot(&self) -> Option<PilotInput> {
+        (self.now.link != Some(false)).then(|| self.now.pilot())
+    }
+
     /// What arrives with the sensors' `measurements`.
     ///
     /// - `setpoint`: what a companion computer would send.
@@ -54,7 +60,7 @@ impl<'a> Outside<'a> {
         let now = &self.now;
         Arrived {
             measurements: *measurements,
-            pilot: (now.link != Some(false)).then(|| Stamped { time_us: now_us, value: now.pilot() }),
+            pilot: self.pilot().map(|value| Stamped { time_us: now_us, value }),
             offboard: (now.offboard == Some(true)).then_some(Stamped { time_us: now_us, value: setpoint }),
             late: now.late == Some(true),
             self_test_passed: now.self_test_passed != Some(false),
@@ -65,7 +71,7 @@ impl<'a> Outside<'a> {
     /// Torque of the hand that rocks the machine, N m.
     ///
     /// - `weight_torque_nm`: the weight on its arm, which tips it over.
-    fn hand_nm(&self, t_s: f64, weight_torque_nm: f64) -> f64 {
+    pub(crate) fn hand_nm(&self, t_s: f64, weight_torque_nm: f64) -> f64 {
         let rocked = self.now.rocked == Some(true);
         if rocked { HAND_SHARE * weight_torque_nm * libm::sin(TAU * HAND_HZ * t_s) } else { 0.0 }
     }
@@ -149,25 +155,28 @@ impl Flight<'_> {
                 effectiveness,
                 told: &told,
             });
-            if let Some(cause) = self.broken(truth) {
-                return Ok(Some(Ending::Crashed(Crash { t_s, cause })));
+            let ending = self.broken(t_s, truth);
+            if ending.is_some() {
+                return Ok(ending);
             }
             machine.act(command_n, outside.hand_nm(t_s, weight_torque_nm));
         }
         Ok(None)
     }
 
-    /// Why the machine is broken, if it is. How far it is from a setpoint says nothing here, and a pilot may fly upside down.
-    fn broken(&self, truth: &Truth) -> Option<Cause> {
+    /// The end of the flight, if the machine is broken. How far it is from a setpoint says nothing here, and a pilot may fly
+    /// upside down.
+    pub(crate) fn broken(&self, t_s: f64, truth: &Truth) -> Option<Ending> {
         let touchdown = Touchdown { speed_m_s: truth.impact_m_s, tilt_rad: truth.tilt_rad() };
         let fast = touchdown.speed_m_s > self.scenario.airframe.impact_m_s_max();
-        if !(truth.position_m.norm() + truth.velocity_m_s.norm() + truth.rate_rad_s.norm()).is_finite() {
-            Some(Cause::NotFinite)
+        let cause = if !(truth.position_m.norm() + truth.velocity_m_s.norm() + truth.rate_rad_s.norm()).is_finite() {
+            Cause::NotFinite
         } else if fast || (truth.touching && touchdown.tilt_rad > UPRIGHT_RAD_MAX) {
-            Some(Cause::Ground(touchdown))
+            Cause::Ground(touchdown)
         } else {
-            None
-        }
+            return None;
+        };
+        Some(Ending::Crashed(Crash { t_s, cause }))
     }
 }
 

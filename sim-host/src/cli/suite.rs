@@ -1,5 +1,5 @@
 //! `sim-host suite`: many scenarios, one table.
-use super::{Failure, Seeds, With, chosen, fly_seeds, folder, load, name_of, say};
+use super::{Failure, Seeds, Through, With, chosen, fly_seeds, folder, load, name_of, say};
 use crate::controllers::ControllerName;
 use crate::flight::NumberFormat;
 use crate::output::Files;
@@ -59,7 +59,8 @@ pub(super) fn suite(args: &SuiteArgs) -> Result<(), Failure> {
     let controllers = chosen(&args.controllers);
     let bar = ProgressBar::new(files.len() as u64 * controllers.len() as u64 * args.seeds);
     let fly = |(file, scenario): (&PathBuf, &Scenario), controller: ControllerName| {
-        let seeds = Seeds { base: scenario.seed, count: args.seeds, format: NumberFormat::F32 };
+        let seeds =
+            Seeds { base: scenario.seed, count: args.seeds, format: NumberFormat::F32, through: Through::Native };
         fly_seeds(file, scenario, controller, &seeds, &bar).map(|(entry, _)| entry)
     };
     let comparisons: Result<Vec<_>, Failure> = files

@@ -1,0 +1,79 @@
+//! What is said to the emulated devices: sensors' readings as their parts sense them, sticks and switches as the radio carries them.
+use crate::emulator::{Emulator, Motion};
+use control_core::measurement::{Imu, Measurements};
+use control_core::modes::Mode;
+use control_core::pilot::{PilotInput, Sticks};
+
+/// Samples of the inertial unit between two frames of the radio: 50 frames a second.
+const RADIO_EVERY: u32 = 40;
+
+/// What was said, and when again.
+#[derive(Default)]
+pub(super) struct Said {
+    samples: u32,
+}
+
+impl Said {
+    /// Says what the sensors have measured at `t_s`.
+    pub(super) fn measure(emulator: &mut Emulator, measurements: &Measurements) {
+        if let Some(imu) = measurements.imu {
+            let Imu { rate_rad_s: r, specific_force_m_s2: f } = imu.value;
+            emulator.move_body(&Motion { force_m_s2: [f.x, f.y, f.z], rate_rad_s: [r.x, r.y, r.z] });
+        }
+        if let Some(battery_v) = measurements.battery_v {
+            emulator.set_battery(battery_v.value);
+        }
+    }
+
+    /// Says what the pilot does, if he is heard and a frame is due; to be called once a sample.
+    pub(super) fn pilot(&mut self, emulator: &mut Emulator, pilot: Option<PilotInput>) {
+        if let Some(pilot) = pilot.filter(|_| self.samples.is_multiple_of(RADIO_EVERY)) {
+            emulator.send_channels(channels(&pilot));
+        }
+        self.samples += 1;
+    }
+}
+
+/// The receiver's channels as `firmware::pilot` reads them, 172 to 1811.
+fn channels(pilot: &PilotInput) -> [u16; 16] {
+    let PilotInput { sticks: Sticks { right, forward, clockwise, throttle }, arm, mode } = *pilot;
+    let ticks = |position: f32| (992.0 + 819.5 * position.clamp(-1.0, 1.0)).round() as u16;
+    let (low, middle, high) = (-1.0, 0.0, 1.0);
+    // Those that no switch has are refused with the scenario.
+    let (mode, by_itself) = match mode {
+        Mode::AltitudeHold => (middle, low),
+        Mode::PositionHold => (high, low),
+        Mode::TakeOff => (low, middle),
+        Mode::Return => (low, high),
+        _ => (low, low),
+    };
+    let mut channels = [ticks(low); 16];
+    let arm = if arm { high } else { low };
+    let positions = [right, forward, 2.0 * throttle - 1.0, clockwise, arm, mode, by_itself];
+    for (channel, position) in channels.iter_mut().zip(positions) {
+        *channel = ticks(position);
+    }
+    channels
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use firmware::crsf::Channels;
+
+    #[test]
+    fn what_the_pilot_does_is_what_the_image_reads() {
+        let sticks = Sticks { right: 0.25, forward: -0.5, clockwise: 1.0, throttle: 0.75 };
+        for mode in [Mode::Angle, Mode::AltitudeHold, Mode::PositionHold, Mode::TakeOff, Mode::Return] {
+            for arm in [false, true] {
+                let sent = channels(&PilotInput { sticks, arm, mode });
+                let read = Channels(sent.map(|ticks| ((f32::from(ticks) - 992.0) / 820.0).clamp(-1.0, 1.0)));
+                let read = firmware::pilot::input(&read);
+                assert_eq!((read.arm, read.mode), (arm, mode));
+                let near = |a: f32, b: f32| (a - b).abs() < 2e-3;
+                assert!(near(read.sticks.right, 0.25) && near(read.sticks.forward, -0.5), "{read:?}");
+                assert!(near(read.sticks.clockwise, 1.0) && near(read.sticks.throttle, 0.75), "{read:?}");
+            }
+        }
+    }
+}
