@@ -354,7 +354,7 @@ impl<S: Scalar> Spin<S> {
 
     /// Roll and pitch torques, N m.
     pub(crate) fn torque_nm(&self, spinning: &Spinning<S>, input: &SpinInput<S>) -> [S; 2] {
-        let [forward, right] = self.towards[spinning.rotor];
+        let [forward, right] = self.towards[spinning.rotor % 4];
         // Turned so that the dead rotor is on +y, and mirrored so that the spin is positive.
         let mirrored = input.rate.z.lt(S::ZERO);
         let flip = |x: S| S::select(mirrored, -x, x);

@@ -203,9 +203,10 @@ impl WiringCheck {
             Phase::Done(_) => return,
         };
         self.elapsed_s += dt_s;
+        let tilts_rad = &mut self.tilts_rad[rotor % 4];
         for (axis, turned_rad) in turned_rad.into_iter().enumerate() {
             self.tilt_rad[axis] += turned_rad;
-            self.tilts_rad[rotor][axis] += half * turned_rad;
+            tilts_rad[axis] += half * turned_rad;
         }
     }
 

@@ -1,4 +1,5 @@
-//! Size of the flight image of each board against its budgets.
+//! The flight image of each board: its size against its budgets, and what in its control task panics.
+use crate::panics;
 use crate::workspace::Workspace;
 use anyhow::{Context, Result, bail, ensure};
 use object::elf::{SHF_ALLOC, SHF_WRITE, SHT_NOBITS};
@@ -71,7 +72,8 @@ fn weigh(workspace: &Workspace, board: &Board) -> Result<()> {
         println!("{name:<20} {flash:>8} {ram:>8}");
     }
     board.flash.check(footprints.iter().map(|section| section.flash).sum())?;
-    board.ram.check(footprints.iter().map(|section| section.ram).sum())
+    board.ram.check(footprints.iter().map(|section| section.ram).sum())?;
+    panics::check(workspace, &elf)
 }
 
 /// The sections that take memory on the board.

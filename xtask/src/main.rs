@@ -4,6 +4,7 @@ mod determinism;
 mod emulate;
 mod fw;
 mod lint;
+mod panics;
 mod setup;
 mod test;
 mod workspace;

@@ -158,7 +158,7 @@ impl Controller {
         hand: &Hand,
     ) {
         let rate = input.rate_rad_s;
-        let dt_s = input.dt_s.clamp(self.dt_s_range.0, self.dt_s_range.1);
+        let dt_s = input.dt_s.max(self.dt_s_range.0).min(self.dt_s_range.1);
         let coupling = self.coupling.torque_nm(rate);
         let Some(rotors) = &self.rotors else {
             let wanted = self.wanted_by_hand(state, rate, angles, errors, hand, dt_s);

@@ -212,7 +212,7 @@ impl<S: Scalar> Health<S> {
         let lifted = sunk.lt(S::ZERO).all();
         let without = state.spinning.map(|spinning| spinning.rotor);
         let mut alarmed = suspects[ALL].judge(&all, loss, limit + S::from_f32(SHARED_NATS), dt_s);
-        for (j, Evidence { seen, size }) in losses.into_iter().enumerate() {
+        for (j, Evidence { seen, size }) in (0..4).zip(losses) {
             // Where one has lost much, what comes and goes of it looks like a fault of the facing one, but for the lift.
             let facing = (j + 2) % 4;
             let spared = *found > 0 && (suspects[facing].is_far_gone() || suspects[EXCESS + facing].found)
@@ -260,7 +260,7 @@ impl<S: Scalar> Health<S> {
     fn accuse(&self, state: &mut RotorsState<S>) {
         let HealthState { suspects, found, .. } = &mut state.health;
         let (mut likeliest, mut nats, mut next) = (0, S::ZERO, S::ZERO);
-        for (i, suspect) in suspects.iter_mut().enumerate().filter(|(_, suspect)| !suspect.found) {
+        for (i, suspect) in (0..HYPOTHESES).zip(suspects.iter_mut()).filter(|(_, suspect)| !suspect.found) {
             let judged = judged(suspect, i);
             if nats.lt(judged).all() {
                 (likeliest, nats, next) = (i, judged, nats);
@@ -270,9 +270,12 @@ impl<S: Scalar> Health<S> {
             suspect.nats = S::ZERO;
         }
         // 1 − exp(−ω t), by way of the tangent that is at hand.
-        let half = tanh(S::from_f32(0.5) * self.filter_rad_s * suspects[likeliest].age_s);
+        // The bound is said where the compiler sees it: no index panics in flight.
+        let likeliest = likeliest % HYPOTHESES;
+        let accused = &mut suspects[likeliest];
+        let half = tanh(S::from_f32(0.5) * self.filter_rad_s * accused.age_s);
         let risen = (half + half) / (S::ONE + half);
-        suspects[likeliest] = Suspect::caught(suspects[likeliest].age_s, risen, nats - next);
+        *accused = Suspect::caught(accused.age_s, risen, nats - next);
         *found += 1;
         if likeliest == ALL {
             state.health.trial = Some(Pairs::open(state.yaw_rad_s));
