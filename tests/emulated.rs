@@ -258,6 +258,14 @@ fn a_hard_fault_cuts_the_motors_at_once_and_is_reported_after_the_reset() {
 }
 
 #[test]
+fn a_stack_that_overflows_is_a_fault_that_cuts_the_motors_and_is_reported_after_the_reset() {
+    let (turned_s, log, aloft) = idling_then(Mishap::StackOverflow);
+    assert!(turned_s <= 0.001, "{turned_s} s");
+    assert!(log.contains("before this start: hard fault: the stack has overflowed"), "{log}");
+    assert_eq!(aloft.answer.told, STOP);
+}
+
+#[test]
 fn a_program_that_hangs_is_reset_and_stays_disarmed() {
     let (turned_s, log, aloft) = idling_then(Mishap::Hang);
     assert!(turned_s <= 0.001, "{turned_s} s");

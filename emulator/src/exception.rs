@@ -8,6 +8,7 @@
 //! ARMv7-M Architecture Reference Manual, B1.5.6 "Exception entry behavior" and B1.5.8 "Exception return behavior".
 use crate::Failure;
 use crate::machine::Cpu;
+use crate::nvic::HARD_FAULT;
 use unicorn_engine::RegisterARM as R;
 
 /// Registers of the basic frame, in its order.
@@ -32,14 +33,17 @@ const BASIC_FRAME: u32 = 1 << 4;
 pub(crate) const ENTRY_CYCLES: u64 = 12;
 
 /// Saves the state and goes to the handler at `vector`; `within` is the exception that was running, or 0.
-pub(crate) fn enter(cpu: &mut Cpu, exception: u32, within: u32, vector: u32) -> Result<(), Failure> {
+///
+/// False if there is no memory where the stack points, and nothing was done. HardFault is entered all the same: its handler finds
+/// a stack pointer to nowhere.
+pub(crate) fn enter(cpu: &mut Cpu, exception: u32, within: u32, vector: u32) -> Result<bool, Failure> {
     let control = cpu.register(R::CONTROL);
     if control & SPSEL != 0 {
         return Err(Failure("the program uses the process stack, which is not modelled".to_owned()));
     }
     let uses_fpu = control & FPCA != 0;
     let stack = cpu.register(R::SP);
-    let frame = (stack - if uses_fpu { WHOLE_BYTES } else { BASIC_BYTES }) & !4;
+    let frame = stack.wrapping_sub(if uses_fpu { WHOLE_BYTES } else { BASIC_BYTES }) & !4;
 
     let mut words: Vec<u32> = BASIC.iter().map(|&register| cpu.register(register)).collect();
     words[6] &= !1;
@@ -52,7 +56,9 @@ pub(crate) fn enter(cpu: &mut Cpu, exception: u32, within: u32, vector: u32) -> 
         }
         words.extend([cpu.register(R::FPSCR), 0]);
     }
-    cpu.store(frame, &words)?;
+    if cpu.store(frame, &words).is_err() && exception != HARD_FAULT {
+        return Ok(false);
+    }
 
     let to = if within == 0 { TO_THREAD } else { TO_HANDLER };
     cpu.set(R::SP, frame);
@@ -60,7 +66,7 @@ pub(crate) fn enter(cpu: &mut Cpu, exception: u32, within: u32, vector: u32) -> 
     cpu.set(R::CONTROL, control & !FPCA);
     cpu.set(R::IPSR, exception);
     cpu.set(R::PC, vector | 1);
-    Ok(())
+    Ok(true)
 }
 
 /// Takes the state back that `exc_return` speaks of; `into` is the exception that goes on, or 0.

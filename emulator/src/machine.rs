@@ -14,7 +14,7 @@ use crate::{Failure, Image};
 use std::cell::RefCell;
 use std::rc::Rc;
 use unicorn_engine::{RegisterARM as R, Unicorn, uc_error};
-use wiring::{FLASH_BYTES, LOOP, Ram, State, masks, wire};
+use wiring::{FLASH_BYTES, LOOP, RAM_START, Ram, State, masks, wire};
 
 mod wiring;
 
@@ -183,6 +183,24 @@ impl Machine {
         self.cpu.set(R::PC, LOOP.0 | 1);
     }
 
+    /// Uses the stack up but for a few words.
+    pub fn exhaust_stack(&mut self) {
+        self.close_here();
+        self.cpu.set(R::SP, RAM_START + 16);
+    }
+
+    /// Bytes of the lowest RAM, where the image has its stack, and how many of them were ever written.
+    ///
+    /// # Errors
+    /// If there is no image.
+    pub fn stack(&self) -> Result<(u32, u32), Failure> {
+        let bytes = self.word(FLASH_START)? - RAM_START;
+        let memory = self.memory(RAM_START, bytes as usize)?;
+        // RAM begins as zeros here.
+        let untouched = memory.iter().position(|&byte| byte != 0).unwrap_or(memory.len());
+        Ok((bytes, bytes - untouched as u32))
+    }
+
     /// Breaks the inertial unit's data-ready line.
     pub fn break_data_ready(&mut self) {
         self.state.borrow_mut().chip.board.ready_line_broken = true;
@@ -302,7 +320,10 @@ impl Machine {
             (chip.nvic.running(), chip.scb.vtor)
         };
         let vector = self.word(vtor + 4 * exception)?;
-        exception::enter(&mut self.cpu, exception, within, vector)?;
+        if !exception::enter(&mut self.cpu, exception, within, vector)? {
+            // STKERR; the exception stays pending.
+            return self.escalate(1 << 12, &format!("no stack for exception {exception}"));
+        }
         self.event = true;
         self.state.borrow_mut().chip.nvic.enter(exception);
         self.charge(ENTRY_CYCLES);
@@ -320,17 +341,22 @@ impl Machine {
     /// The instruction at `pc` cannot be run: HardFault.
     fn fault(&mut self, error: uc_error, pc: u32) -> Result<(), Failure> {
         let lr = self.cpu.register(R::LR);
-        let what = format!("{error:?} at {pc:#010x}, called from {lr:#010x}");
         self.close(pc);
+        // UNDEFINSTR, or a precise data access violation.
+        let cause = if error == uc_error::INSN_INVALID { 1 << 16 } else { 1 << 9 };
+        self.escalate(cause, &format!("{error:?} at {pc:#010x}, called from {lr:#010x}"))
+    }
+
+    /// HardFault, with its cause in CFSR.
+    fn escalate(&mut self, cause: u32, what: &str) -> Result<(), Failure> {
         {
             let chip = &mut self.state.borrow_mut().chip;
             if chip.nvic.active_priority() <= -1 {
                 return Err(Failure(format!("the core locks up: a fault within HardFault, {what}")));
             }
-            // UNDEFINSTR, or a precise data access violation.
-            chip.scb.fault(if error == uc_error::INSN_INVALID { 1 << 16 } else { 1 << 9 });
+            chip.scb.fault(cause);
         }
-        self.faults.push(what);
+        self.faults.push(what.to_owned());
         self.enter(HARD_FAULT)
     }
 
@@ -390,7 +416,6 @@ impl Cpu {
 
 #[cfg(test)]
 mod tests {
-    use super::wiring::RAM_START;
     use super::*;
 
     /// An image of hand-assembled code after a vector table whose handlers are given by number, as indices into the code.

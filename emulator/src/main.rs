@@ -47,8 +47,7 @@ fn main() -> Result<()> {
         println!("fault: {fault}");
     }
     result?;
-    report(&machine, cli.seconds / started.elapsed().as_secs_f64());
-    Ok(())
+    report(&machine, cli.seconds / started.elapsed().as_secs_f64())
 }
 
 /// Runs the image and prints its log.
@@ -72,7 +71,7 @@ fn watch(machine: &mut Machine, image: &Image, seconds: f64) -> Result<()> {
     Ok(())
 }
 
-fn report(machine: &Machine, speed: f64) {
+fn report(machine: &Machine, speed: f64) -> Result<()> {
     let Load { cycles, busy, instructions } = machine.load();
     let Motors { told, good, bad, latency_max } = machine.motors();
     println!("motors were told {told:?} last; understood {good:?}, not {bad:?}");
@@ -83,4 +82,7 @@ fn report(machine: &Machine, speed: f64) {
         100.0 * busy as f64 / cycles as f64,
         100.0 * instructions as f64 / cycles as f64,
     );
+    let (bytes, used) = machine.stack()?;
+    println!("stack: {used} of {bytes} bytes were used");
+    Ok(())
 }

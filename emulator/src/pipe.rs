@@ -7,7 +7,7 @@
 //! | `m`             | 6 × f32: specific force, m/s², and rate, rad/s, forward, right, down; holds |
 //! | `b`             | f32: battery, V; holds                                                      |
 //! | `c`             | 16 × u16: the radio receiver sends a frame with these channels now          |
-//! | `f`             | u8: 0 the core goes where there is no code, 1 the program hangs with interrupts masked, 2 the data-ready line breaks, 3 what runs below interrupts hangs |
+//! | `f`             | u8: 0 the core goes where there is no code, 1 the program hangs with interrupts masked, 2 the data-ready line breaks, 3 what runs below interrupts hangs, 10 the stack is used up |
 //! | `p`             | 2 × f32: static pressure, Pa, and temperature, °C, at the barometer; holds  |
 //! | `g`             | 3 × f32: magnetic field, µT, forward, right, down; holds                    |
 //! | `u`             | the satellite receiver sends this fix now, unless it was told to send fewer: 2 × i32 latitude and longitude, 1e-7°; 7 × f32 height above the ellipsoid, m, velocity north, east, down, m/s, its own errors horizontal, vertical, m, and of speed, m/s, 1 σ; u8 kind of fix, 3 in three dimensions; u8 satellites |
@@ -69,6 +69,7 @@ pub fn serve(image: &Image, mut input: impl Read, mut output: impl Write) -> io:
                     1 => machine.hang(true),
                     2 => machine.break_data_ready(),
                     3 => machine.hang(false),
+                    10 => machine.exhaust_stack(),
                     other => return Err(io::Error::new(ErrorKind::InvalidData, format!("there is no mishap {other}"))),
                 }
             }

@@ -2,6 +2,7 @@
 //!
 //! After a reset the machine is disarmed and stays so until the pilot arms it: an aircraft that has lost its program does
 //! not come back by itself. What was kept is logged at the next start.
+use core::arch::naked_asm;
 use core::fmt::{self, Write};
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
@@ -87,11 +88,41 @@ fn defmt_panic() -> ! {
     asm::udf();
 }
 
-#[exception]
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+/// Goes to [`hard_fault`] on a stack that is there: after an overflow the running one is not, and a fault within this handler
+/// would lock the core up before the motors are cut. Where less than 1 KiB is left, the stack begins anew.
+///
+/// - r0: where the core has left the program's registers; 0 where it could not.
+#[unsafe(naked)]
+#[unsafe(no_mangle)]
+unsafe extern "C" fn HardFault() -> ! {
+    naked_asm!(
+        "mrs  r0, msp",
+        "movw r1, #:lower16:_stack_end",
+        "movt r1, #:upper16:_stack_end",
+        "add  r2, r1, #1024",
+        "cmp  r0, r2",
+        "bhs  2f",
+        "movw r2, #:lower16:_stack_start",
+        "movt r2, #:upper16:_stack_start",
+        "msr  msp, r2",
+        "cmp  r0, r1",
+        "bhs  2f",
+        "movs r0, #0",
+        "2:",
+        "b    {}",
+        sym hard_fault,
+    )
+}
+
+extern "C" fn hard_fault(frame: Option<&ExceptionFrame>) -> ! {
     if stop() {
-        defmt::error!("hard fault at {=u32:#010x}, called from {=u32:#010x}", frame.pc(), frame.lr());
-        keep(format_args!("hard fault at {:#010x}, called from {:#010x}", frame.pc(), frame.lr()));
+        if let Some(frame) = frame {
+            defmt::error!("hard fault at {=u32:#010x}, called from {=u32:#010x}", frame.pc(), frame.lr());
+            keep(format_args!("hard fault at {:#010x}, called from {:#010x}", frame.pc(), frame.lr()));
+        } else {
+            defmt::error!("hard fault: the stack has overflowed");
+            keep(format_args!("hard fault: the stack has overflowed"));
+        }
     }
     halt()
 }

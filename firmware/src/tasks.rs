@@ -75,6 +75,8 @@ pub(crate) fn start(spawner: Spawner) {
     let flight = flight::boot(&Parameters::default())
         .unwrap_or_else(|e| defmt::panic!("{=str}.{=str} = {=f32} cannot fly", e.name[0], e.name[1], e.value));
     let imu = Imu::new(imu_bus, imu_select, imu_ready);
+    // In its place for good: every move of it would be on the stack.
+    let flight = singleton!(: Flight = flight).expect("start runs once");
     let control = control(flight, imu, Motors::new(motors), watchdog, producer).expect("control is started once");
     board::start_control_executor().spawn(control);
     spawner.spawn(listen(radio).expect("listen is started once"));
@@ -85,7 +87,7 @@ pub(crate) fn start(spawner: Spawner) {
 /// Reads, calls the core, writes: at each inertial sample, above everything but drivers and the clock.
 #[embassy_executor::task]
 async fn control(
-    mut flight: Flight,
+    flight: &'static mut Flight,
     mut imu: Imu,
     mut motors: Motors,
     mut watchdog: Watchdog,

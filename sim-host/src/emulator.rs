@@ -47,6 +47,8 @@ pub enum Mishap {
     NoDataReady = 2,
     /// What runs below all interrupts hangs.
     HangBelow = 3,
+    /// The stack is used up but for a few words.
+    StackOverflow = 10,
 }
 
 /// Why the image does not run, or no longer.

@@ -3,7 +3,7 @@ use crate::panics;
 use crate::workspace::Workspace;
 use anyhow::{Context, Result, bail, ensure};
 use object::elf::{SHF_ALLOC, SHF_WRITE, SHT_NOBITS};
-use object::{Object, ObjectSection, SectionFlags};
+use object::{Object, ObjectSection, ObjectSymbol, SectionFlags};
 
 const KIB: u64 = 1024;
 
@@ -67,13 +67,29 @@ fn weigh(workspace: &Workspace, board: &Board) -> Result<()> {
         let found = footprints.iter().any(|section| section.name == required);
         ensure!(found, "{} has no {required}: it would not boot", elf.display());
     }
+    let stack = stack_below(&workspace.shell.read_binary_file(&elf)?)?;
     println!("{:<20} {:>8} {:>8}", board.feature, board.flash.name, board.ram.name);
     for Footprint { name, flash, ram } in &footprints {
         println!("{name:<20} {flash:>8} {ram:>8}");
     }
     board.flash.check(footprints.iter().map(|section| section.flash).sum())?;
     board.ram.check(footprints.iter().map(|section| section.ram).sum())?;
+    println!("stack: {stack} bytes below everything else in RAM");
     panics::check(workspace, &elf)
+}
+
+/// Bytes of the stack, which must lie below all that is in RAM: there an overflow is a fault.
+fn stack_below(elf: &[u8]) -> Result<u64> {
+    let file = object::File::parse(elf)?;
+    let symbol =
+        |name: &str| file.symbol_by_name(name).map(|symbol| symbol.address()).with_context(|| format!("no {name}"));
+    let (bottom, top) = (symbol("_stack_end")?, symbol("_stack_start")?);
+    for section in file.sections() {
+        let within = bottom..top;
+        ensure!(!within.contains(&section.address()) || section.size() == 0, "{} lies in the stack", section.name()?);
+    }
+    ensure!(symbol("__sdata")? >= top, "the stack lies above what it can overflow into");
+    Ok(top - bottom)
 }
 
 /// The sections that take memory on the board.
