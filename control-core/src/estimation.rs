@@ -16,7 +16,7 @@
 //! source's telemetry; the estimate of a step depends on nothing but the steps before.
 //!
 //! Elsewhere: `phases.rs` from rest to the filter to fixed gains and back, `strapdown.rs` dead reckoning, `covariance.rs` the matrix, `history.rs` delays, `observe.rs` the models, `fusing.rs` what is done
-//! with each source, `sources.rs` what is let in, `units.rs` one inertial unit against the other, `gyro.rs` the filters of the rates. docs/estimation.md has the equations and figures.
+//! with each source, `sources.rs` what is let in, `rivals.rs` satellites against flow, `units.rs` one inertial unit against the other, `gyro.rs` the filters of the rates. docs/estimation.md has the equations and figures.
 use crate::estimate::{Estimate, Health, Sigma};
 use crate::frames::{Attitude, Vec3};
 use crate::measurement::{Imu, Measurements, Stamped};
@@ -25,6 +25,7 @@ use alignment::Alignment;
 use filter::{Filter, Start, UNKNOWN_M, UNKNOWN_M_S};
 use gyro::{GyroChain, GyroState};
 use quaternion::Quaternion;
+use rivals::Rivals;
 use sources::Watch;
 use strapdown::Nominal;
 use units::Units;
@@ -42,6 +43,7 @@ mod history;
 mod observe;
 mod phases;
 mod quaternion;
+mod rivals;
 mod sources;
 mod strapdown;
 mod units;
@@ -119,6 +121,7 @@ pub struct EstimatorState {
     /// The barometer that the offset is of.
     barometer_heard: Option<Source>,
     units: Units,
+    rivals: Rivals,
     /// Time of the last inertial sample, and of the last step of the covariance, µs.
     time_us: u64,
     stepped_us: u64,
@@ -202,6 +205,7 @@ impl Estimator {
             levelled: false,
             barometer_heard: None,
             units: Units::NEW,
+            rivals: Rivals::NEW,
             time_us: 0,
             stepped_us: 0,
             gap_s: 0.0,

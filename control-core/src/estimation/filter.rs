@@ -18,8 +18,7 @@ const ACCELEROMETER_BIAS_M_S2_MAX: f32 = 1.5;
 /// How well the difference of two inertial units is known, rad/s and m/s².
 const TRADE_RAD_S: f32 = 0.002;
 const TRADE_M_S2: f32 = 0.05;
-/// How far tilt and biases may be off where the velocity was, rad, rad/s and m/s².
-const DOUBT_RAD: f32 = 0.1;
+/// How far biases may be off where the velocity was, rad/s and m/s².
 const DOUBT_RAD_S: f32 = 0.01;
 const DOUBT_M_S2: f32 = 0.2;
 /// Standard deviation of a state that nothing is known of: velocity, m/s, and position, m.
@@ -257,14 +256,14 @@ impl Filter {
 
     /// Takes the velocity from a measurement and forgets what was believed of it.
     ///
-    /// What led it astray is doubted as well: tilt and biases.
-    pub(crate) fn launch(&mut self, past: &Past, measured_m_s: Vec3<Ned>, sigma_m_s: f32) {
+    /// What led it astray is doubted as well: biases, and the tilt by `tilt_rad`.
+    pub(crate) fn launch(&mut self, past: &Past, measured_m_s: Vec3<Ned>, sigma_m_s: f32, tilt_rad: f32) {
         self.shift(measured_m_s - past.velocity_m_s, Vec3::zero());
         for axis in 0..3 {
             self.covariance.reset(VELOCITY + axis, sigma_m_s * sigma_m_s);
         }
         self.covariance.add_noise(&spread([
-            (ATTITUDE, DOUBT_RAD),
+            (ATTITUDE, tilt_rad),
             (GYRO_BIAS, DOUBT_RAD_S),
             (ACCELEROMETER_BIAS, DOUBT_M_S2),
         ]));

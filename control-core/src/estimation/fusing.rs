@@ -1,7 +1,7 @@
 //! What is done with each sample that was let in: compared with its time, gated, fused; and what is done when filter and source disagree for good.
 //!
-//! A source that is refused alone for [`RESET_US`] has no other to contradict it: what it measures is set anew from it. Vision outranks
-//! the magnetometer while it lives, as its frame may not be north's.
+//! A source that is refused alone for [`RESET_US`], and keeps to what it says, has no other to contradict it: what it measures is set anew
+//! from it. Of satellites and flow, `rivals.rs` says which yields. Vision outranks the magnetometer while it lives, as its frame may not be north's.
 use super::covariance::{BARO_OFFSET, GROUND, Observation, POSITION, VELOCITY};
 use super::history::Past;
 use super::observe;
@@ -12,9 +12,13 @@ use crate::measurement::{Flow, Gnss, Measurements, Stamped, Vision};
 
 /// Disagreement with the only source of a quantity after which the filter yields, µs.
 const RESET_US: u64 = 2_000_000;
-/// The same of position while another source vouches for the velocity, µs.
+/// How far the tilt may be off then, rad: too far to fly on.
+const ASTRAY_RAD: f32 = 0.1;
+/// The same where flow that drifts has led it, rad.
+const LED_RAD: f32 = 0.03;
+/// Time of disagreement of position while another source vouches for the velocity, µs.
 const POSITION_RESET_US: u64 = 10_000_000;
-/// The same of heading, which disturbances of the magnetic field last longer than, µs.
+/// Time of disagreement of heading, which disturbances of the magnetic field last longer than, µs.
 const HEADING_RESET_US: u64 = 5_000_000;
 /// Time after which an absent source of velocity is made up for, µs.
 const UNAIDED_US: u64 = 1_000_000;
@@ -25,6 +29,8 @@ const ROAMING_M_S2: f32 = 3.0;
 /// Velocity and position errors beyond which an unaided filter does not count, m/s and m.
 const ROAMING_M_S: f32 = 10.0;
 const ROAMING_M: f32 = 1000.0;
+/// Samples refused in a row after which a source must keep to what it says.
+const DOUBTED: u32 = 5;
 /// Error of a range proportional to it.
 const RANGE_SHARE: f32 = 0.02;
 
@@ -33,16 +39,33 @@ struct Verdict {
     ratio: f32,
     taken: bool,
     refused: bool,
+    /// Whether its source is refused whatever it says.
+    doubted: bool,
 }
 
 /// A measured position.
-#[expect(clippy::struct_field_names, reason = "the unit")]
 struct Position {
     measured_m: Vec3<Ned>,
     /// Standard deviations, horizontal and vertical.
     sigma_m: (f32, f32),
+    place: [Observation; 2],
+    level: [Observation; 1],
     /// What it may be off by for long, horizontal; half as much again vertical.
     bias_m: f32,
+    /// Whether the source keeps to what it says.
+    steady: bool,
+}
+
+impl Position {
+    fn new(past: &Past, measured_m: Vec3<Ned>, sigma_m: (f32, f32), bias_m: f32) -> Self {
+        let place = observe::horizontal(past, measured_m, sigma_m.0);
+        let level = observe::vertical(past, measured_m, sigma_m.1);
+        Self { measured_m, sigma_m, place, level, bias_m, steady: false }
+    }
+
+    fn observations(&self) -> impl Iterator<Item = &Observation> {
+        self.place.iter().chain(&self.level)
+    }
 }
 
 impl EstimatorState {
@@ -72,7 +95,7 @@ impl EstimatorState {
 }
 
 impl Verdict {
-    const NONE: Self = Self { ratio: 0.0, taken: false, refused: false };
+    const NONE: Self = Self { ratio: 0.0, taken: false, refused: false, doubted: false };
 }
 
 impl Estimator {
@@ -115,6 +138,10 @@ impl Estimator {
         observations: &[Observation],
         bias: f32,
     ) -> bool {
+        if verdict.doubted {
+            verdict.refused = true;
+            return false;
+        }
         let fusion = state.filter.fuse(observations, self.config.gate_sigma, bias);
         verdict.ratio = verdict.ratio.max(fusion.ratio);
         verdict.taken |= fusion.taken;
@@ -122,20 +149,42 @@ impl Estimator {
         fusion.taken
     }
 
+    /// Whether `source` keeps to what it says. One that does not, and has been refused again and again, is refused whatever it says: of
+    /// garbage, too, some is near enough.
+    fn is_steady<'a>(
+        &self,
+        state: &mut EstimatorState,
+        source: Source,
+        verdict: &mut Verdict,
+        observations: impl IntoIterator<Item = &'a Observation>,
+    ) -> bool {
+        let watch = &mut state.watches[source as usize];
+        let steady = watch.is_steady(observations, self.config.gate_sigma);
+        verdict.doubted = !steady && watch.status.refused_in_a_row >= DOUBTED;
+        steady
+    }
+
     fn fuse_gnss(&self, state: &mut EstimatorState, gnss: &Stamped<Gnss>, now_us: u64) {
         let Some(past) = state.past(gnss.time_us, now_us) else {
             return state.record(Source::Gnss, gnss.time_us, None);
         };
         let (aiding, fix, mut verdict) = (&self.config.aiding, &gnss.value, Verdict::NONE);
+        let sigma_m = (fix.horizontal_m.max(aiding.gnss_horizontal_m), fix.vertical_m.max(aiding.gnss_vertical_m));
+        let mut fixed = Position::new(&past, fix.position_m, sigma_m, aiding.gnss_bias_m);
         let speed_m_s = fix.speed_m_s.max(aiding.gnss_m_s);
-        if self.group(state, &mut verdict, &observe::velocity(&past, fix.velocity_m_s, speed_m_s), 0.0) {
+        let moved = observe::velocity(&past, fix.velocity_m_s, speed_m_s);
+        fixed.steady = self.is_steady(state, Source::Gnss, &mut verdict, fixed.observations().chain(&moved));
+        let led = state.watches[Source::Flow as usize].is_alive(Source::Flow, now_us);
+        if state.rivals.hear_fix(&moved, past.velocity_m_s, (led, fixed.steady), now_us) {
+            state.filter.launch(&past, fix.velocity_m_s, speed_m_s, LED_RAD);
+            state.resets = state.resets.saturating_add(1);
             state.aided.velocity_us = now_us;
-        } else if state.yields(state.aided.velocity_us, now_us, RESET_US) {
-            state.filter.launch(&past, fix.velocity_m_s, speed_m_s);
+        } else if self.group(state, &mut verdict, &moved, 0.0) {
+            state.aided.velocity_us = now_us;
+        } else if fixed.steady && state.yields(state.aided.velocity_us, now_us, RESET_US) {
+            state.filter.launch(&past, fix.velocity_m_s, speed_m_s, ASTRAY_RAD);
             state.aided.velocity_us = now_us;
         }
-        let sigma_m = (fix.horizontal_m.max(aiding.gnss_horizontal_m), fix.vertical_m.max(aiding.gnss_vertical_m));
-        let fixed = Position { measured_m: fix.position_m, sigma_m, bias_m: aiding.gnss_bias_m };
         self.fuse_position(state, &past, &fixed, now_us, &mut verdict);
         state.record(Source::Gnss, gnss.time_us, Some(&verdict));
     }
@@ -147,14 +196,15 @@ impl Estimator {
         let (aiding, pose, mut verdict) = (&self.config.aiding, &vision.value, Verdict::NONE);
         let sigma_rad = pose.attitude_sigma_rad.max(aiding.vision_rad);
         let attitude = observe::attitude(&past, &pose.attitude, sigma_rad);
+        let sigma_m = pose.position_sigma_m.max(aiding.vision_m);
+        let mut seen = Position::new(&past, pose.position_m, (sigma_m, sigma_m), 0.0);
+        seen.steady = self.is_steady(state, Source::Vision, &mut verdict, seen.observations().chain(&attitude));
         if self.group(state, &mut verdict, &attitude, aiding.vision_askew_rad) {
             (state.aided.heading_us, state.aided.seen_us) = (now_us, now_us);
-        } else if state.yields(state.aided.seen_us, now_us, RESET_US) {
+        } else if seen.steady && state.yields(state.aided.seen_us, now_us, RESET_US) {
             state.filter.head(observe::heading_apart(&past, &pose.attitude), sigma_rad);
             (state.aided.heading_us, state.aided.seen_us) = (now_us, now_us);
         }
-        let sigma_m = pose.position_sigma_m.max(aiding.vision_m);
-        let seen = Position { measured_m: pose.position_m, sigma_m: (sigma_m, sigma_m), bias_m: 0.0 };
         if self.fuse_position(state, &past, &seen, now_us, &mut verdict) {
             state.aided.velocity_us = now_us;
         }
@@ -170,23 +220,22 @@ impl Estimator {
         now_us: u64,
         verdict: &mut Verdict,
     ) -> bool {
-        let Position { measured_m, sigma_m: (horizontal_m, vertical_m), bias_m } = *position;
+        let &Position { measured_m, sigma_m: (horizontal_m, vertical_m), ref place, ref level, bias_m, steady } =
+            position;
         // Dead reckoning on a velocity that is known goes far.
         let moving_known = now_us.saturating_sub(state.aided.velocity_us) < UNAIDED_US;
         let patience_us = if moving_known { POSITION_RESET_US } else { RESET_US };
-        let placed =
-            state.placed && self.group(state, verdict, &observe::horizontal(past, measured_m, horizontal_m), bias_m);
+        let placed = state.placed && self.group(state, verdict, place, bias_m);
         if placed {
             state.aided.position_us = now_us;
-        } else if !state.placed || state.yields(state.aided.position_us, now_us, patience_us) {
+        } else if !state.placed || steady && state.yields(state.aided.position_us, now_us, patience_us) {
             state.filter.place(past, measured_m, horizontal_m);
             (state.placed, verdict.taken, state.aided.position_us) = (true, true, now_us);
         }
-        let levelled = state.levelled
-            && self.group(state, verdict, &observe::vertical(past, measured_m, vertical_m), 1.5 * bias_m);
+        let levelled = state.levelled && self.group(state, verdict, level, 1.5 * bias_m);
         if levelled {
             state.aided.altitude_us = now_us;
-        } else if !state.levelled || state.yields(state.aided.altitude_us, now_us, patience_us) {
+        } else if !state.levelled || steady && state.yields(state.aided.altitude_us, now_us, patience_us) {
             state.filter.level_absolutely(past, measured_m, vertical_m, &self.config);
             (state.levelled, verdict.taken, state.aided.altitude_us) = (true, true, now_us);
         }
@@ -207,9 +256,11 @@ impl Estimator {
             state.barometer_heard = Some(source);
         }
         let offset_m = state.filter.barometer_offset_m;
-        if self.group(state, &mut verdict, &observe::barometer(&past, altitude.value, offset_m, sigma_m), 0.0) {
+        let observations = observe::barometer(&past, altitude.value, offset_m, sigma_m);
+        let steady = self.is_steady(state, source, &mut verdict, &observations);
+        if self.group(state, &mut verdict, &observations, 0.0) {
             state.aided.altitude_us = now_us;
-        } else if state.yields(state.aided.altitude_us, now_us, RESET_US) {
+        } else if steady && state.yields(state.aided.altitude_us, now_us, RESET_US) {
             state.filter.level_by_barometer(&past, altitude.value, sigma_m);
             state.aided.altitude_us = now_us;
         }
@@ -232,9 +283,11 @@ impl Estimator {
             state.filter.find_ground(&past, height_m, sigma_m);
             past.position_m.z + height_m
         };
-        if self.group(state, &mut verdict, &observe::range(&past, range.value, ground_m, sigma_m), 0.0) {
+        let observations = observe::range(&past, range.value, ground_m, sigma_m);
+        let steady = self.is_steady(state, Source::Range, &mut verdict, &observations);
+        if self.group(state, &mut verdict, &observations, 0.0) {
             (state.ranged_us, state.aided.altitude_us) = (now_us, now_us);
-        } else if state.yields(state.ranged_us, now_us, RESET_US) {
+        } else if steady && state.yields(state.ranged_us, now_us, RESET_US) {
             // A step in the ground, as far as the others know the altitude.
             state.filter.find_ground(&past, height_m, sigma_m);
             state.ranged_us = now_us;
@@ -251,10 +304,15 @@ impl Estimator {
         let Some(observations) = observe::flow(&past, &flow.value, height_m, self.config.aiding.flow_rad_s) else {
             return;
         };
+        self.is_steady(state, Source::Flow, &mut verdict, &observations);
+        if state.rivals.is_out(now_us) {
+            state.rivals.hear_image(&observations, past.velocity_m_s, now_us);
+            return state.watches[Source::Flow as usize].refuse(SourceFault::Disagrees);
+        }
         if self.group(state, &mut verdict, &observations, 0.0) {
             state.aided.velocity_us = now_us;
         } else if state.yields(state.aided.velocity_us, now_us, RESET_US) {
-            state.filter.launch(&past, past.velocity_m_s, ROAMING_M_S);
+            state.filter.launch(&past, past.velocity_m_s, ROAMING_M_S, ASTRAY_RAD);
             state.aided.velocity_us = now_us;
         }
         state.record(Source::Flow, flow.time_us, Some(&verdict));
@@ -269,9 +327,10 @@ impl Estimator {
         let observations = observe::heading(measured_ut, self.earth, self.steep, self.config.aiding.magnetic_ut);
         let (Some(observations), false) = (observations, seen) else { return };
         let mut verdict = Verdict::NONE;
+        let steady = self.is_steady(state, Source::Magnetometer, &mut verdict, &observations);
         if self.group(state, &mut verdict, &observations, self.iron_rad) {
             state.aided.heading_us = now_us;
-        } else if state.yields(state.aided.heading_us, now_us, HEADING_RESET_US) {
+        } else if steady && state.yields(state.aided.heading_us, now_us, HEADING_RESET_US) {
             let [Observation { innovation, variance, .. }] = observations;
             state.filter.head(innovation, crate::Scalar::sqrt(variance));
             state.aided.heading_us = now_us;

@@ -11,11 +11,17 @@
 //! | is too far from what the others say              | [`SourceFault::Disagrees`]      |
 //!
 //! A source that says nothing for longer than its [`Source::silence_us_max`] is [`SourceFault::Silent`].
+use super::covariance::Observation;
 use super::history::DELAY_US_MAX;
 use core::fmt;
 
 /// How far clocks may be apart: a time stamp may be after now by this much, µs.
 const FUTURE_US: u64 = 1_000;
+
+/// Most numbers of a sample that are compared with those of the one before.
+const OFFS: usize = 6;
+/// Samples in a row that are off by the same before a source is thought to mean it.
+const STEADY: u8 = 5;
 
 /// What measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -155,6 +161,9 @@ pub(crate) struct Watch {
     heard_us: u64,
     fingerprints: [u32; 2],
     repeats: [u16; 2],
+    /// How far the last sample was from what was expected, and how many in a row were as far.
+    off: [f32; OFFS],
+    steady: u8,
     pub(crate) status: SourceStatus,
 }
 
@@ -196,6 +205,8 @@ impl Watch {
         heard_us: 0,
         fingerprints: [0; 2],
         repeats: [0; 2],
+        off: [0.0; OFFS],
+        steady: 0,
         status: SourceStatus { ratio: 0.0, taken_us: 0, taken: 0, refused: 0, refused_in_a_row: 0, fault: None },
     };
 
@@ -249,6 +260,22 @@ impl Watch {
         self.status.taken = self.status.taken.saturating_add(1);
         self.status.refused_in_a_row = 0;
         self.status.fault = None;
+    }
+
+    /// Whether the last samples, this one with them, are off from what was expected by the same within the gate: what garbage is not.
+    pub(crate) fn is_steady<'a>(
+        &mut self,
+        observations: impl IntoIterator<Item = &'a Observation>,
+        gate_sigma: f32,
+    ) -> bool {
+        let mut same = true;
+        for (off, observation) in self.off.iter_mut().zip(observations) {
+            let moved = observation.innovation - *off;
+            same &= moved * moved <= gate_sigma * gate_sigma * observation.variance;
+            *off = observation.innovation;
+        }
+        self.steady = if same { self.steady.saturating_add(1) } else { 0 };
+        self.steady >= STEADY
     }
 
     /// Whether it is heard and believed at `now_us`.
@@ -310,6 +337,18 @@ mod tests {
         assert_eq!(admitted, 10);
         assert!(admits(21, 5.1));
         assert_eq!(watch.status.refused, 10);
+    }
+
+    #[test]
+    fn a_source_that_keeps_to_what_it_says_is_told_from_garbage() {
+        let mut watch = Watch::UNHEARD;
+        let mut steady_after = |offs: &[f32]| {
+            offs.iter().fold(false, |_, &off| watch.is_steady(&[Observation::new(off, 1.0, [(0, 1.0)])], 5.0))
+        };
+        assert!(!steady_after(&[20.0, 21.0, 19.0, 20.5, 20.0]), "four that are like the one before");
+        assert!(steady_after(&[19.0]), "five");
+        assert!(!steady_after(&[29.0, 30.0]), "it jumps");
+        assert!(!steady_after(&[9.0, -40.0, 70.0, 30.0, -5.0, 11.0]), "anything");
     }
 
     #[test]
