@@ -124,7 +124,7 @@ fn shown() -> [Shown; TABLE.len()] {
         row(Fence, "geofence", 12.0, (0.5, 6.0), Some(Mode::Return), End::Landed(2.0)),
         row(LinkLost, "link_lost", 15.0, (0.49, 0.51), Some(Mode::Return), End::Landed(2.0)),
         row(OffboardStale, "offboard_stale", 16.0, (0.49, 0.51), Some(Mode::PositionHold), End::Landed(5.0)),
-        row(NoAltitude, "altitude_lost", 12.0, (4.9, 5.5), Some(Mode::Angle), End::Landed(20.0)),
+        row(NoAltitude, "altitude_lost", 12.0, (4.9, 5.5), Some(Mode::Angle), End::Landed(30.0)),
         row(NoVelocity, "vision_lost", 15.0, (4.9, 5.1), Some(Mode::AltitudeHold), End::Landed(2.0)),
         row(NoPosition, "position_lost", 93.0, (0.0, 0.1), Some(Mode::Land), End::Landed(30.0)),
     ]

@@ -209,6 +209,7 @@ impl Autopilot {
             };
             command.landed = self.touch(state, mode, &scene);
             let target = self.target(state, mode, &scene, command.landed);
+            self.controller.brace(&mut state.controller, state.feet.suspects());
             let input = sample(step.estimate, level, dt_s);
             let output = self.controller.tick_toward(&mut state.controller, &input, &target);
             state.thrust_n = output.thrust_n;

@@ -219,6 +219,11 @@ impl<S: Scalar> Controller<S> {
         }
     }
 
+    /// Tells the controller whether the ground, or a hand, may bear the machine: nothing is learnt of the rotors meanwhile.
+    pub fn brace(&self, state: &mut State<S>, borne: bool) {
+        state.rotors.borne = borne;
+    }
+
     /// Runs the whole controller once.
     ///
     /// - `state`: of this controller, from [`Self::hover_state`] or the last tick.

@@ -22,6 +22,7 @@ use crate::estimate::Health;
 use crate::failsafe::Failsafe;
 use core::fmt;
 
+mod blind;
 pub mod contact;
 pub mod guide;
 

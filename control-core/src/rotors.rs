@@ -175,6 +175,8 @@ pub(crate) struct RotorsState<S: Scalar> {
     stuck_n: [S; 4],
     /// Shares that somebody else knows.
     told: [Option<S>; 4],
+    /// Whether something else may bear the machine, so that what it feels says nothing of the rotors.
+    pub(crate) borne: bool,
     /// Angular momentum of each rotor about body z, N m s, and whose is next.
     momentum_nm_s: [S; 4],
     turn: usize,
@@ -201,6 +203,7 @@ impl<S: Scalar> RotorsState<S> {
             shares: [S::ONE; 4],
             stuck_n: [S::ZERO; 4],
             told: [None; 4],
+            borne: false,
             momentum_nm_s: [S::ZERO; 4],
             turn: 0,
             health: HealthState::new(rotors.and_then(|rotors| rotors.health.as_ref())),
@@ -302,7 +305,9 @@ impl<S: Scalar> Rotors<S> {
         state.yaw_rad_s = rate.z;
         filter.step(&mut state.force, force_z_m_s2 - made[2]);
         let mut residual = Residual([roll, pitch, state.force]);
-        if let Some(health) = &self.health {
+        if let Some(health) = &self.health
+            && !state.borne
+        {
             let calm = || state.health.is_calm();
             state.lag.learn(slope, [roll, pitch], &motor, &filter, calm, dt_s);
             health.step(state, &self.columns, &mut residual, &filter, dt_s);

@@ -7,6 +7,9 @@
 //! In the air the specific force is the thrust over the mass, and a little drag: little thrust is felt as little. On the
 //! ground the feet make up what the rotors do not, and 1 g is felt whatever they do. No altitude is needed to tell.
 //!
+//! What the ground does to the body looks like lost rotors. So it is suspected at once where it seems to bear the machine, and for
+//! [`JOLT_S`] after a jolt, felt without a turn, that the rotors did not make.
+//!
 //! A machine without a rotor never keeps still on its feet. It stands, too, if it is to come down and does not: its setpoint is well
 //! below it, and it does not sink.
 use crate::GRAVITY_M_S2;
@@ -19,6 +22,9 @@ const STANDING_FORCE_MIN: f32 = 0.8;
 const STILL_RAD_S: f32 = 0.3;
 /// How long that must last, s: longer than any bump.
 const STANDING_S: f32 = 0.5;
+/// Felt force over weight beyond what the rotors make that is a jolt, and how long it is heeded, s.
+const JOLT_WEIGHTS: f32 = 0.4;
+const JOLT_S: f32 = 0.5;
 /// Depth of the setpoint below a machine that does not come down, m: several times what one in the air is late by.
 const PRESSED_M: f32 = 0.5;
 /// Vertical speed of a machine that does not come down, m/s.
@@ -72,6 +78,8 @@ pub struct Feet {
     contact: Contact,
     spooling_s: f32,
     borne_s: f32,
+    /// How long a jolt is heeded yet, s.
+    jolted_s: f32,
 }
 
 /// What one tick felt.
@@ -95,14 +103,16 @@ pub struct Felt {
 
 impl Feet {
     /// On the ground.
-    pub const STANDING: Self = Self { contact: Contact::Standing, spooling_s: 0.0, borne_s: 0.0 };
+    pub const STANDING: Self = Self { contact: Contact::Standing, spooling_s: 0.0, borne_s: 0.0, jolted_s: 0.0 };
 
     /// Takes what one tick felt; returns where the machine is.
     pub fn step(&mut self, felt: &Felt, dt_s: f32) -> Contact {
         // A value that is not a number bears nothing.
-        let bears = felt.thrust_weights < STANDING_THRUST_MAX
-            && -felt.force_z_m_s2 > STANDING_FORCE_MIN * GRAVITY_M_S2
-            && felt.rate_rad_s.norm_squared() < STILL_RAD_S * STILL_RAD_S;
+        let still = felt.rate_rad_s.norm_squared() < STILL_RAD_S * STILL_RAD_S;
+        let weights = -felt.force_z_m_s2 / GRAVITY_M_S2;
+        let bears = felt.thrust_weights < STANDING_THRUST_MAX && weights > STANDING_FORCE_MIN && still;
+        let jolts = !felt.lift && weights - felt.thrust_weights > JOLT_WEIGHTS && still;
+        self.jolted_s = if jolts { JOLT_S } else { (self.jolted_s - dt_s).max(0.0) };
         let stops = felt.pressed.is_some_and(|(m, m_s)| m > PRESSED_M && m_s.abs() < STOPPED_M_S);
         self.borne_s = if bears || stops { (self.borne_s + dt_s).min(STANDING_S) } else { 0.0 };
         self.spooling_s += if self.contact == Contact::Spooling { dt_s } else { 0.0 };
@@ -116,6 +126,11 @@ impl Feet {
             *self = Self { contact: next, ..Self::STANDING };
         }
         self.contact
+    }
+
+    /// Whether the ground seems to bear the machine, just now.
+    pub fn suspects(&self) -> bool {
+        self.borne_s > 0.0 || self.jolted_s > 0.0
     }
 
     /// Share of the spooling that is done, 0 to 1.
@@ -186,6 +201,30 @@ mod tests {
             ("told to come down, just now", Felt { pressed: Some((0.2, 0.0)), ..HOVERING }, Flying),
         ] {
             assert_eq!(after_a_second(Felt { lift: false, ..felt }), want, "{why}");
+        }
+    }
+
+    #[test]
+    fn the_ground_is_suspected_after_a_jolt_that_the_rotors_did_not_make() {
+        let jolted = Felt { lift: false, force_z_m_s2: -1.5 * GRAVITY_M_S2, ..HOVERING };
+        let turning = Felt { rate_rad_s: Vec3::new(0.5, 0.0, 0.0), ..jolted };
+        for (why, felt, want) in [
+            ("hovering", Felt { lift: false, ..HOVERING }, false),
+            ("it meets the ground", jolted, true),
+            ("a rotor runs away with it", turning, false),
+            ("a gust in a climb", Felt { lift: true, ..jolted }, false),
+        ] {
+            let mut feet = Feet::STANDING;
+            for _ in 0..70 {
+                feet.step(&HOVERING, DT_S);
+            }
+            feet.step(&felt, DT_S);
+            let suspected = (0..100).take_while(|_| {
+                feet.step(&HOVERING, DT_S);
+                feet.suspects()
+            });
+            assert_eq!(suspected.count() >= 48, want, "{why}");
+            assert!(!feet.suspects(), "{why}");
         }
     }
 

@@ -8,6 +8,7 @@
 //! One setpoint serves all modes and moves no faster than its limits. A mode that takes over begins where the last one left
 //! it, or, of what the last one did not hold, at the estimate: position, velocity and heading as measured. On a leash it
 //! never runs away from a machine that cannot follow.
+use super::blind::Blind;
 use super::{Level, Mode};
 use crate::estimate::Estimate;
 use crate::frames::{Body, Ned, Vec3};
@@ -30,9 +31,6 @@ const ARRIVED_M: f32 = 0.3;
 const SETTLED_M: f32 = 0.1;
 /// Distance from home within which a return lands without climbing, m.
 const NEAR_HOME_M: f32 = 3.0;
-/// Thrust over weight of a descent without altitude.
-const SINKING: f32 = 0.9;
-
 /// How the setpoint may move, and what the machine carries.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
@@ -136,6 +134,8 @@ pub struct Guide {
     /// Down of the return's way home, m.
     cruise_down_m: f32,
     arrived: bool,
+    /// A descent without altitude.
+    blind: Option<Blind>,
     /// Whether the throttle has been up to its middle since the mode began: before that, low means nothing.
     throttle_seen: bool,
 }
@@ -153,6 +153,7 @@ impl Guide {
         },
         cruise_down_m: 0.0,
         arrived: false,
+        blind: None,
         throttle_seen: false,
     };
 
@@ -225,6 +226,7 @@ impl Guide {
         setpoint.yaw_rate_rad_s = 0.0;
         self.mode = mode;
         self.arrived = false;
+        self.blind = None;
         self.throttle_seen = false;
         let far = scene.home.place_m.is_some_and(|home| length(from(position, home)) > NEAR_HOME_M);
         let cruise_m = scene.home.down_m.map_or(position.z, |down_m| down_m - limits.home.height_m);
@@ -324,13 +326,15 @@ impl Guide {
 
     fn descend(&mut self, limits: &Limits, scene: &Scene) -> Target {
         let lift = if scene.level >= Level::Altitude {
+            self.blind = None;
             self.climb(-sinking_m_s(limits, scene), scene);
             self.lift()
         } else {
             // Begins at the estimate when there is one again.
             self.setpoint.position_m.z = scene.estimate.position_m.z;
             self.setpoint.velocity_m_s.z = scene.estimate.velocity_m_s.z;
-            Lift::Thrust(SINKING * limits.weight_n)
+            let blind = self.blind.get_or_insert_with(|| Blind::begin(scene.estimate));
+            Lift::Thrust(limits.weight_n * blind.step(scene.estimate, scene.dt_s))
         };
         Target::Angles { roll_rad: 0.0, pitch_rad: 0.0, yaw_rate_rad_s: 0.0, lift }
     }
