@@ -233,6 +233,7 @@ mod tests {
     use crate::measurement::Imu;
     use crate::modes::Mode;
     use crate::pilot::Sticks;
+    use std::vec::Vec;
 
     const PERIOD_US: u64 = 500;
     const SAMPLE_HZ: f32 = 2_000.0;
@@ -248,18 +249,25 @@ mod tests {
 
     /// A machine at rest on the ground whose arm switch goes on after `armed_s`; returns the last command.
     fn rest(seconds: f32, armed_s: f32, self_test_passed: bool) -> (Command, Flight) {
+        let (commands, flight) = rest_since(0, seconds, armed_s, self_test_passed);
+        (*commands.last().unwrap(), flight)
+    }
+
+    /// The same, with a clock that begins at `start_us`; returns every command.
+    fn rest_since(start_us: u64, seconds: f32, armed_s: f32, self_test_passed: bool) -> (Vec<Command>, Flight) {
         let mut flight = flight();
-        let mut command = Command::Stop;
+        let mut commands = Vec::new();
         for n in 0..(seconds * SAMPLE_HZ) as u64 {
-            let now_us = PERIOD_US * (n + 1);
+            let elapsed_us = PERIOD_US * (n + 1);
+            let now_us = start_us + elapsed_us;
             // A part that always says the same is taken for one that is stuck.
             let noise = (n % 7) as f32 * 1e-3;
             let rate_rad_s = Vec3::new(noise, -noise, noise);
             let value = Imu { rate_rad_s, specific_force_m_s2: Vec3::new(noise, noise, -9.81 - noise) };
             let sticks = Sticks { throttle: 0.0, ..Sticks::NEUTRAL };
-            let arm = now_us as f32 > 1e6 * armed_s;
+            let arm = elapsed_us as f32 > 1e6 * armed_s;
             let pilot = PilotInput { sticks, arm, mode: Mode::Angle };
-            command = flight.step(
+            commands.push(flight.step(
                 now_us,
                 &Arrived {
                     measurements: Measurements {
@@ -271,9 +279,23 @@ mod tests {
                     parameters_valid: true,
                     ..Arrived::default()
                 },
-            );
+            ));
         }
-        (command, flight)
+        (commands, flight)
+    }
+
+    #[test]
+    fn nothing_changes_where_32_bits_of_microseconds_or_of_milliseconds_roll_over() {
+        let (commands, _) = rest_since(0, 6.0, 4.5, true);
+        assert!(commands.iter().any(|command| matches!(command, Command::Run(_))));
+        for wrap_us in [1_u64 << 31, 1 << 32, 1000 << 32, 36_000_000_000] {
+            // While it aligns, and after it has armed.
+            for before_us in [1_000_000, 5_000_000] {
+                let (same, _) = rest_since(wrap_us - before_us, 6.0, 4.5, true);
+                let first = commands.iter().zip(&same).position(|(a, b)| a != b);
+                assert_eq!(first, None, "steps after {wrap_us} - {before_us} us");
+            }
+        }
     }
 
     #[test]
