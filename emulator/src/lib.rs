@@ -35,11 +35,13 @@ mod machine;
 mod nvic;
 mod peripheral;
 pub mod pipe;
+mod tasks;
 mod unit;
 
 pub use image::Image;
 pub use log::Log;
 pub use machine::{Load, Machine, Motors};
+pub use tasks::Task;
 
 /// Why a run ended: what the image did that the board, or this model of it, does not do.
 #[derive(Debug)]

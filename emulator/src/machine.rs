@@ -10,7 +10,7 @@ use crate::device::crsf;
 use crate::exception::{self, ENTRY_CYCLES};
 use crate::nvic::{HARD_FAULT, SV_CALL};
 use crate::peripheral::flash::FLASH_START;
-use crate::{Failure, Image};
+use crate::{Failure, Image, Task};
 use std::cell::RefCell;
 use std::rc::Rc;
 use unicorn_engine::{RegisterARM as R, Unicorn, uc_error};
@@ -159,6 +159,16 @@ impl Machine {
         self.state.borrow().chip.board.imu.period()
     }
 
+    /// Times these tasks from now on.
+    pub fn watch_tasks(&mut self, tasks: Vec<Task>) {
+        self.state.borrow_mut().tasks.watch(tasks);
+    }
+
+    /// The tasks that are timed.
+    pub fn tasks(&self) -> Vec<Task> {
+        self.state.borrow().tasks.all().to_vec()
+    }
+
     /// What the speed controllers have heard.
     pub fn motors(&self) -> Motors {
         let board = &self.state.borrow().chip.board;
@@ -261,6 +271,7 @@ impl Machine {
             let mut state = self.state.borrow_mut();
             state.chip.restart(causes);
             state.open = None;
+            state.tasks.reset();
         }
         self.asleep = None;
         self.boot()

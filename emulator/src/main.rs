@@ -1,7 +1,7 @@
 //! `emulator`: boots an image and prints its log, or flies it in lock-step with another program.
 use anyhow::{Context, Result};
 use clap::Parser;
-use emulator::{Image, Load, Log, Machine, Motors, pipe};
+use emulator::{Image, Load, Log, Machine, Motors, Task, pipe};
 use std::io::{BufReader, BufWriter, stdin, stdout};
 use std::path::PathBuf;
 use std::time::Instant;
@@ -41,6 +41,7 @@ fn main() -> Result<()> {
         return Ok(pipe::serve(&image, BufReader::new(stdin().lock()), BufWriter::new(stdout().lock()))?);
     }
     let mut machine = Machine::new(&image)?;
+    machine.watch_tasks(Task::all(&cli.image, &image)?);
     let started = Instant::now();
     let result = watch(&mut machine, &image, cli.seconds);
     for fault in machine.faults() {
@@ -83,6 +84,9 @@ fn report(machine: &Machine, speed: f64) -> Result<()> {
         100.0 * instructions as f64 / cycles as f64,
     );
     let (bytes, used) = machine.stack()?;
+    for Task { name, cycles_max, .. } in machine.tasks() {
+        println!("task {name}: at most {cycles_max} cycles without a pause");
+    }
     println!("stack: {used} of {bytes} bytes were used");
     Ok(())
 }

@@ -5,6 +5,7 @@ use crate::chip::{Chip, Memory};
 use crate::flash_cache::FlashCache;
 use crate::nvic::Masks;
 use crate::peripheral::flash::FLASH_START;
+use crate::tasks::Tasks;
 use std::cell::RefCell;
 use std::rc::Rc;
 use unicorn_engine::{Arch, ArmCpuModel, HookType, Mode, Prot, RegisterARM as R, Unicorn, uc_error};
@@ -35,6 +36,7 @@ pub(super) struct State {
     pub(super) stopped: bool,
     /// A SEV was run.
     pub(super) event: bool,
+    pub(super) tasks: Tasks,
 }
 
 /// A block that has begun.
@@ -58,6 +60,7 @@ impl State {
             until: 0,
             stopped: false,
             event: false,
+            tasks: Tasks::default(),
         }
     }
 
@@ -72,6 +75,7 @@ impl State {
         // Unicorn cannot be told the state of an IT block, so nothing may come between its instructions.
         self.stopped = wanted && !is_in_it(unicorn);
         if !self.stopped {
+            self.tasks.block(address, self.chip.now, || registers(unicorn));
             self.open(address, size, unicorn);
         }
         self.stopped
@@ -204,6 +208,13 @@ impl Memory for Ram<'_, '_> {
 fn is_in_it(unicorn: &Unicorn<'_, ()>) -> bool {
     // A register of the CPU can always be read.
     unicorn.reg_read(R::XPSR).unwrap_or(0) & 0x0600_fc00 != 0
+}
+
+/// The link register and the stack pointer.
+fn registers(unicorn: &Unicorn<'_, ()>) -> (u32, u32) {
+    // A register of the CPU can always be read.
+    let read = |register: R| unicorn.reg_read(register).unwrap_or(0) as u32;
+    (read(R::LR), read(R::SP))
 }
 
 pub(super) fn masks(unicorn: &Unicorn<'_, ()>) -> Masks {
