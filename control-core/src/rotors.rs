@@ -310,7 +310,7 @@ impl<S: Scalar> Rotors<S> {
         {
             let calm = || state.health.is_calm();
             state.lag.learn(slope, [roll, pitch], &motor, &filter, calm, dt_s);
-            health.step(state, &self.columns, &mut residual, &filter, dt_s);
+            health.step(state, &self.columns, &mut residual, dt_s);
         }
         residual
     }
@@ -344,6 +344,9 @@ impl<S: Scalar> Rotors<S> {
         let mut left = *demand;
         if state.health.has_stuck() {
             for j in 0..4 {
+                if !state.health.is_stuck(j) {
+                    continue;
+                }
                 let Column([roll, pitch, _]) = self.columns[j];
                 let thrust_n = state.stuck_n[j];
                 left.thrust_n = left.thrust_n - thrust_n;

@@ -6,7 +6,7 @@ use crate::aboard::{Aboard, Apart};
 use crate::controllers::ControllerName;
 use crate::flight::Sample;
 use control_core::estimate::{Estimate, Health};
-use control_core::{Alarm, Input};
+use control_core::{Airframe, Alarm, Input};
 use std::io::Write;
 
 type Column = (&'static str, fn(&Sample) -> f64);
@@ -196,26 +196,27 @@ impl Log {
 }
 
 /// First bytes of a tick record.
-const TICK_RECORD_MAGIC: &[u8; 8] = b"TICKREC1";
+const TICK_RECORD_MAGIC: &[u8; 8] = b"TICKREC2";
 
 /// Every input of the controller and the thrusts it answered with: what a board needs to repeat the flight to the bit.
 ///
-/// Little-endian: magic, number of ticks (u32), which controller (u32), then 33 inputs and 4 thrusts a tick (f32).
+/// Little-endian: magic, number of ticks (u32), which controller (u32), the airframe's 19 numbers, then 33 inputs and 4 thrusts a tick (f32).
 pub struct TickRecord {
     controller: u32,
+    airframe: Airframe,
     ticks: u32,
     bytes: Vec<u8>,
 }
 
 impl TickRecord {
     /// An empty record; none for a controller that the board does not know.
-    pub fn new(controller: ControllerName) -> Option<Self> {
+    pub fn new(controller: ControllerName, airframe: Airframe) -> Option<Self> {
         let controller = match controller {
             ControllerName::Lgs => 0,
             ControllerName::Default => 1,
             _ => return None,
         };
-        Some(Self { controller, ticks: 0, bytes: Vec::new() })
+        Some(Self { controller, airframe, ticks: 0, bytes: Vec::new() })
     }
 
     /// Takes a tick.
@@ -248,6 +249,15 @@ impl TickRecord {
         out.write_all(TICK_RECORD_MAGIC)?;
         out.write_all(&self.ticks.to_le_bytes())?;
         out.write_all(&self.controller.to_le_bytes())?;
+        let Airframe { mass_kg, inertia_kg_m2, rotors, torque_per_thrust_m, rotor_momentum, thrust_n_min } =
+            self.airframe;
+        let numbers = std::iter::once(mass_kg)
+            .chain(inertia_kg_m2)
+            .chain(rotors.into_iter().flat_map(|rotor| [rotor.forward_m, rotor.right_m, rotor.thrust_n_max]))
+            .chain([torque_per_thrust_m, rotor_momentum, thrust_n_min]);
+        for number in numbers {
+            out.write_all(&number.to_le_bytes())?;
+        }
         out.write_all(&self.bytes)
     }
 }

@@ -1,6 +1,8 @@
 //! The tick record: what every tick of a flight saw, and the thrusts the host computed from it.
 //!
-//! Little-endian: the magic `TICKREC1`, a `u32` count, a `u32` that says who flew (0 `lgs`, 1 `default`), then for every tick 37 `f32`:
+//! Little-endian: the magic `TICKREC2`, a `u32` count, a `u32` that says who flew (0 `lgs`, 1 `default`), the
+//! airframe as 19 `f32` (mass, 3 moments of inertia, place and largest thrust of each rotor, torque per thrust, rotor momentum, least
+//! thrust), then for every tick 37 `f32`:
 //!
 //! | count | what                                                         |
 //! |-------|--------------------------------------------------------------|
@@ -12,14 +14,14 @@
 //! | 2     | setpoint heading and heading rate, rad and rad/s             |
 //! | 4     | rotor thrusts computed by the host, N                        |
 use control_core::frames::{Attitude, Vec3};
-use control_core::{Airframe, Config, Input, Law, Setpoint};
+use control_core::{Airframe, Config, Input, Law, Rotor, Setpoint};
 
 /// Where QEMU's loader puts the record: the PSRAM of mps2-an386.
 const ADDRESS: usize = 0x2100_0000;
 /// Size of that PSRAM.
 const BYTES_MAX: usize = 16 << 20;
 
-const MAGIC: [u8; 8] = *b"TICKREC1";
+const MAGIC: [u8; 8] = *b"TICKREC2";
 const NUMBERS: usize = 37;
 /// Ticks that fit; a larger count is a record that is not there.
 const TICKS_MAX: usize = (BYTES_MAX - size_of::<Header>()) / size_of::<Tick>();
@@ -29,6 +31,7 @@ struct Header {
     magic: [u8; 8],
     ticks: u32,
     controller: u32,
+    airframe: [f32; 19],
 }
 
 /// A recorded flight.
@@ -50,8 +53,7 @@ pub(crate) fn flight() -> Option<Record> {
     if header.magic != MAGIC || count > TICKS_MAX {
         return None;
     }
-    // The recorded flights have rotors without inertia.
-    let airframe = Airframe { rotor_momentum: 0.0, ..Airframe::paper(2.2) };
+    let airframe = airframe(&header.airframe);
     let mut config = Config::flight(Law::Lgs, airframe);
     match header.controller {
         0 => {}
@@ -62,6 +64,21 @@ pub(crate) fn flight() -> Option<Record> {
     // SAFETY: as above; `count` ticks end within the PSRAM, and any bits are an `f32`.
     let ticks = unsafe { core::slice::from_raw_parts(first, count) };
     Some(Record { config, ticks })
+}
+
+/// The airframe that was flown.
+fn airframe(numbers: &[f32; 19]) -> Airframe {
+    let [mass_kg, ix, iy, iz, places @ .., torque_per_thrust_m, rotor_momentum, thrust_n_min] = *numbers;
+    let rotor =
+        |j: usize| Rotor { forward_m: places[3 * j], right_m: places[3 * j + 1], thrust_n_max: places[3 * j + 2] };
+    Airframe {
+        mass_kg,
+        inertia_kg_m2: [ix, iy, iz],
+        rotors: core::array::from_fn(rotor),
+        torque_per_thrust_m,
+        rotor_momentum,
+        thrust_n_min,
+    }
 }
 
 impl Tick {

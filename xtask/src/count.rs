@@ -14,9 +14,15 @@ use xshell::cmd;
 /// What is counted: who flies, which scenario, and the most instructions of one tick, which is one call of the whole controller.
 ///
 /// At 500 Hz the board has 336,000 for each. `default` is counted where it has most to do: while it watches, finds a lost rotor,
-/// spins and comes back.
-const FLIGHTS: [(&str, &str, u32); 3] =
-    [("lgs", FLIGHT, 900), ("default", FLIGHT, 2500), ("default", "scenarios/single_rotor_100_low_thrust.toml", 2500)];
+/// spins and comes back, and where it finds several faults at once.
+const FLIGHTS: [(&str, &str, u32); 6] = [
+    ("lgs", FLIGHT, 900),
+    ("default", FLIGHT, 2500),
+    ("default", "scenarios/single_rotor_100_low_thrust.toml", 2500),
+    ("default", "scenarios/opposite_pair_100.toml", 2500),
+    ("default", "scenarios/faults/hard_over.toml", 2500),
+    ("default", "scenarios/faults/desync.toml", 2500),
+];
 
 /// The most instructions of an estimator step, which is every 4 ms, and of one inertial sample.
 const ESTIMATOR_STEP_MAX: u32 = 25_000;

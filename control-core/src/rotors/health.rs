@@ -24,6 +24,7 @@ use crate::config::{ConfigError, positive};
 use crate::filter::LowPass;
 use crate::math::tanh;
 use crate::{Mask, Scalar};
+use core::ops::Range;
 
 /// Loss of rotors 1 to 4, of all, and excess of rotors 1 to 4.
 pub const HYPOTHESES: usize = 9;
@@ -35,9 +36,8 @@ const EXCESS: usize = 5;
 const EXCESS_SOUGHT: f32 = 0.7;
 /// Least thrust that a stuck rotor's command is taken to have asked for, N: it divides.
 const FELT_N_MIN: f32 = 1e-3;
-/// What an excess must have beyond the alarm, nats, and what a loss of all must: gusts along the thrust look like one.
-const HANDICAP_NATS: f32 = 6.0;
-const SHARED_NATS: f32 = 5.0;
+/// What a hypothesis must have beyond the alarm, nats: gusts along the thrust look like a loss of all, the facing rotor's loss like an excess.
+const HANDICAPS_NATS: [f32; HYPOTHESES] = [0.0, 0.0, 0.0, 0.0, 5.0, 6.0, 6.0, 6.0, 6.0];
 
 /// The detector, configured.
 #[derive(Clone, Debug)]
@@ -64,17 +64,21 @@ pub(crate) struct Health<S> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct HealthState<S> {
     suspects: [Suspect<S>; HYPOTHESES],
-    /// How many of them are found.
+    /// How many of them are found, and which was followed last.
     found: usize,
+    turn: usize,
     /// Whether a loss of all is one of a pair: open until it is known.
     trial: Option<Trial<S>>,
     weather: Weather<S>,
+    /// c_j'C⁻¹c_j of each rotor.
+    sharpness: [S; 4],
 }
 
 impl<S: Scalar> HealthState<S> {
     pub(super) fn new(health: Option<&Health<S>>) -> Self {
         let weather = Weather::unknown(health.map(|health| &health.climate));
-        Self { suspects: [Suspect::innocent(); HYPOTHESES], found: 0, trial: None, weather }
+        let sharpness = health.map_or([S::ZERO; 4], |health| health.sharpness(&weather));
+        Self { suspects: [Suspect::innocent(); HYPOTHESES], found: 0, turn: 0, trial: None, weather, sharpness }
     }
 
     /// Whether nothing is found, and nothing suspected.
@@ -104,7 +108,7 @@ impl<S: Scalar> HealthState<S> {
 
     /// S of each hypothesis, less its handicap.
     pub(super) fn nats(&self) -> [S; HYPOTHESES] {
-        core::array::from_fn(|i| judged(&self.suspects[i], i))
+        core::array::from_fn(|i| self.suspects[i].judged(HANDICAPS_NATS[i]))
     }
 
     /// Which hypotheses are found.
@@ -185,25 +189,32 @@ impl<S: Scalar> Health<S> {
         state: &mut RotorsState<S>,
         columns: &[Column<S>; 4],
         residual: &mut Residual<S>,
-        filter: &LowPass<S>,
         dt_s: S,
     ) {
-        // Several share one residual: each sees what the others left, and what one leaves can wait for the next tick.
-        let several = state.health.found > 1;
-        let nothing = Evidence { seen: S::ZERO, size: S::ZERO };
-        let (mut losses, mut all) = if several { ([nothing; 4], nothing) } else { self.evidence(state, residual) };
-        if state.health.found > 0 {
-            self.follow(state, columns, residual, (&mut losses, &mut all), filter, dt_s);
-        } else {
+        let per_newton = self.per_newton(state, residual);
+        let calm = state.health.found == 0;
+        let pair = state.health.trial.is_some() && self.try_pairs(state, dt_s)
+            || state.spinning.is_some_and(|spinning| spinning.pair);
+        // Of two rotors none can be spared: whatever else is felt, it is weather.
+        let alarmed = !pair && self.judge(state, residual, &per_newton, dt_s);
+        if alarmed {
+            self.accuse(state);
+        } else if !calm {
+            self.follow(state, columns, residual, &per_newton, dt_s);
+        }
+        if alarmed || !calm {
+            self.settle(state);
+        }
+        if calm {
             state.health.weather.learn(&self.climate, &residual.0, dt_s);
+            state.health.sharpness = self.sharpness(&state.health.weather);
         }
-        if state.spinning.is_some_and(|spinning| spinning.pair) {
-            // Of two rotors none can be spared: whatever else is felt, it is weather.
-            return;
-        }
-        if several {
-            (losses, all) = self.evidence(state, residual);
-        }
+    }
+
+    /// Weighs what the residual says of every hypothesis that is not found; returns whether one is.
+    fn judge(&self, state: &mut RotorsState<S>, residual: &Residual<S>, per_newton: &[S; 4], dt_s: S) -> bool {
+        let all = self.of_all(state, per_newton);
+        let losses: [Evidence<S>; 4] = core::array::from_fn(|j| of_one(state, per_newton, j));
         let HealthState { suspects, found, weather, .. } = &mut state.health;
         let scaled = |(gain, drift): (S, S)| (gain * dt_s, drift * dt_s);
         let (loss, excess) = (scaled(self.loss_per_s), scaled(self.excess_per_s));
@@ -211,7 +222,7 @@ impl<S: Scalar> Health<S> {
         let [_, _, sunk] = weather.beside(&residual.0);
         let lifted = sunk.lt(S::ZERO).all();
         let without = state.spinning.map(|spinning| spinning.rotor);
-        let mut alarmed = suspects[ALL].judge(&all, loss, limit + S::from_f32(SHARED_NATS), dt_s);
+        let mut alarmed = suspects[ALL].judge(&all, loss, limit + S::from_f32(HANDICAPS_NATS[ALL]), dt_s);
         for (j, Evidence { seen, size }) in (0..4).zip(losses) {
             // Where one has lost much, what comes and goes of it looks like a fault of the facing one, but for the lift.
             let facing = (j + 2) % 4;
@@ -224,35 +235,35 @@ impl<S: Scalar> Health<S> {
             }
             // What comes back from a loss is no excess.
             if *found == 0 || !(suspects[j].found || suspects[ALL].found) {
-                let limit = limit + S::from_f32(HANDICAP_NATS);
+                let limit = limit + S::from_f32(HANDICAPS_NATS[EXCESS]);
                 alarmed = alarmed | suspects[EXCESS + j].judge(&Evidence { seen: -seen, size }, excess, limit, dt_s);
             }
         }
-        if alarmed.all() {
-            self.accuse(state);
-        } else if state.health.trial.is_some() {
-            self.try_pairs(state, dt_s);
-        }
+        alarmed.all()
     }
 
-    /// What the residual says of a loss of each rotor, and of all alike. Of all, as if they pulled alike: in a hover they do.
-    fn evidence(&self, state: &RotorsState<S>, residual: &Residual<S>) -> ([Evidence<S>; 4], Evidence<S>) {
-        let HealthState { suspects, weather, .. } = &state.health;
+    /// c_j'C⁻¹c_j.
+    fn sharpness(&self, weather: &Weather<S>) -> [S; 4] {
         let [wx, wy, wz] = weather.weights;
-        let [x, y, z] = weather.beside(&residual.0);
-        let (x, y, z) = (x * wx, y * wy, z * wz);
-        let all = suspects[ALL].factor;
+        self.columns.map(|(_, squares)| squares[0] * wx + squares[1] * wy + squares[2] * wz)
+    }
+
+    /// c_j'C⁻¹x̃.
+    fn per_newton(&self, state: &RotorsState<S>, residual: &Residual<S>) -> [S; 4] {
+        let [x, y, z] = state.health.weather.weighted(&residual.0);
+        self.columns.map(|(c, _)| c[0] * x + c[1] * y + c[2] * z)
+    }
+
+    /// What speaks for a loss of all. Its size is taken as if they pulled alike: in a hover they do.
+    fn of_all(&self, state: &RotorsState<S>, per_newton: &[S; 4]) -> Evidence<S> {
+        let HealthState { suspects, weather, .. } = &state.health;
         let (mut seen_n, mut total_n) = (S::ZERO, S::ZERO);
-        let losses = core::array::from_fn(|j| {
-            let (c, squares) = &self.columns[j];
-            let per_newton = c[0] * x + c[1] * y + c[2] * z;
-            let per_newton_squared = squares[0] * wx + squares[1] * wy + squares[2] * wz;
-            let (alone_n, shared_n) = (state.felt_n[j] * all, state.felt_n[j] * suspects[j].factor);
+        for (j, &per_newton) in per_newton.iter().enumerate() {
+            let shared_n = state.felt_n[j] * suspects[j].factor;
             seen_n = seen_n + shared_n * per_newton;
             total_n = total_n + shared_n;
-            Evidence { seen: -(alone_n * per_newton), size: alone_n * alone_n * per_newton_squared }
-        });
-        (losses, Evidence { seen: -seen_n, size: total_n * total_n * self.spread * wz })
+        }
+        Evidence { seen: -seen_n, size: total_n * total_n * self.spread * weather.weights[2] }
     }
 
     /// Finds the likeliest, and clears the others for now.
@@ -260,8 +271,9 @@ impl<S: Scalar> Health<S> {
     fn accuse(&self, state: &mut RotorsState<S>) {
         let HealthState { suspects, found, .. } = &mut state.health;
         let (mut likeliest, mut nats, mut next) = (0, S::ZERO, S::ZERO);
-        for (i, suspect) in (0..HYPOTHESES).zip(suspects.iter_mut()).filter(|(_, suspect)| !suspect.found) {
-            let judged = judged(suspect, i);
+        // What is found has no nats.
+        for ((i, suspect), handicap_nats) in (0..HYPOTHESES).zip(suspects.iter_mut()).zip(HANDICAPS_NATS) {
+            let judged = suspect.judged(handicap_nats);
             if nats.lt(judged).all() {
                 (likeliest, nats, next) = (i, judged, nats);
             } else {
@@ -286,21 +298,20 @@ impl<S: Scalar> Health<S> {
             *found -= usize::from(suspects[j].found);
             suspects[j] = Suspect::innocent();
         }
-        self.settle(state);
     }
 
-    /// Finds out whether it is a pair that lost, where it seems to be all.
+    /// Finds out whether it is a pair that lost, where it seems to be all; returns whether it is.
     #[cold]
-    fn try_pairs(&self, state: &mut RotorsState<S>, dt_s: S) {
+    fn try_pairs(&self, state: &mut RotorsState<S>, dt_s: S) -> bool {
         let HealthState { suspects, found, trial, .. } = &mut state.health;
         let shared = suspects[ALL];
         let verdict = match trial {
             Some(trial) if shared.found => self.pairs.step(trial, shared.factor, &state.made_n, state.yaw_rad_s, dt_s),
             _ => Some(Verdict::Alike),
         };
-        let Some(verdict) = verdict else { return };
+        let Some(verdict) = verdict else { return false };
         *trial = None;
-        let Verdict::Pair(first) = verdict else { return };
+        let Verdict::Pair(first) = verdict else { return false };
         let left = (shared.factor + shared.factor - S::ONE).max(S::ZERO);
         suspects[ALL] = Suspect::innocent();
         for j in [first, first + 2] {
@@ -308,52 +319,51 @@ impl<S: Scalar> Health<S> {
             suspects[j].factor = left;
         }
         *found = suspects.iter().filter(|suspect| suspect.found).count();
-        self.settle(state);
+        true
     }
 
-    /// Follows what is found, and takes it out of the residual.
+    /// Follows what is found, and takes it out of the residual, of which `per_newton` speaks. Of several, which share one residual, one
+    /// has its turn, by the time since its last.
     fn follow(
         &self,
         state: &mut RotorsState<S>,
         columns: &[Column<S>; 4],
         residual: &mut Residual<S>,
-        (losses, all): (&mut [Evidence<S>; 4], &mut Evidence<S>),
-        filter: &LowPass<S>,
+        per_newton: &[S; 4],
         dt_s: S,
     ) {
-        for i in 0..HYPOTHESES {
-            if !state.health.suspects[i].found {
-                continue;
+        let HealthState { suspects, found, turn, .. } = &mut state.health;
+        let found_in = |mut range: Range<usize>| range.find(|&i| suspects[i].found);
+        let i = found_in(*turn + 1..HYPOTHESES).or_else(|| found_in(0..HYPOTHESES)).unwrap_or(0).min(HYPOTHESES - 1);
+        *turn = i;
+        let rotor = i.checked_sub(EXCESS).unwrap_or(i) % 4;
+        let dt_s = dt_s * S::from_f32(*found as f32);
+        let filter = LowPass::new(self.filter_rad_s, dt_s);
+        let evidence = if i == ALL { self.of_all(state, per_newton) } else { of_one(state, per_newton, rotor) };
+        let HealthState { suspects, found, .. } = &mut state.health;
+        let mut effect = [S::ZERO; 3];
+        let explained = if i >= EXCESS {
+            effect = columns[rotor].0.map(|x| x * self.quarter_n);
+            let told = state.made_n[rotor] * self.quarter_inverse;
+            let pulled_n = (state.felt_n[rotor] * suspects[ALL].factor).max(S::from_f32(FELT_N_MIN));
+            let per_quarter = self.quarter_n / pulled_n;
+            let Evidence { seen, size } = evidence;
+            let evidence = Evidence { seen: -(seen * per_quarter), size: size * per_quarter * per_quarter };
+            suspects[i].follow_stuck(&evidence, told, &filter, dt_s)
+        } else {
+            for j in if i == ALL { 0..4 } else { rotor..rotor + 1 } {
+                let other = if i == ALL { suspects[j].factor } else { suspects[ALL].factor };
+                let felt_n = state.felt_n[j] * other;
+                effect = core::array::from_fn(|axis| effect[axis] - columns[j].0[axis] * felt_n);
             }
-            if state.health.found > 1 {
-                (*losses, *all) = self.evidence(state, residual);
-            }
-            let HealthState { suspects, found, .. } = &mut state.health;
-            let mut effect = [S::ZERO; 3];
-            let explained = if let Some(j) = i.checked_sub(EXCESS) {
-                effect = columns[j].0.map(|x| x * self.quarter_n);
-                let told = state.made_n[j] * self.quarter_inverse;
-                let pulled_n = (state.felt_n[j] * suspects[ALL].factor).max(S::from_f32(FELT_N_MIN));
-                let per_quarter = self.quarter_n / pulled_n;
-                let Evidence { seen, size } = losses[j];
-                let evidence = Evidence { seen: -(seen * per_quarter), size: size * per_quarter * per_quarter };
-                suspects[i].follow_stuck(&evidence, told, filter, dt_s)
-            } else {
-                for (j, column) in columns.iter().enumerate().filter(|(j, _)| i == ALL || i == *j) {
-                    let other = if i == ALL { suspects[j].factor } else { suspects[ALL].factor };
-                    let felt_n = state.felt_n[j] * other;
-                    effect = core::array::from_fn(|axis| effect[axis] - column.0[axis] * felt_n);
-                }
-                suspects[i].follow(if i == ALL { all } else { &losses[i] }, filter, dt_s)
-            };
-            *found -= usize::from(!suspects[i].found);
-            residual.0 = core::array::from_fn(|axis| residual.0[axis] - explained * effect[axis]);
-        }
+            suspects[i].follow(&evidence, &filter, dt_s)
+        };
+        *found -= usize::from(!suspects[i].found);
+        residual.0 = core::array::from_fn(|axis| residual.0[axis] - explained * effect[axis]);
         // What was explained away was so since the onset.
         let Residual([roll, pitch, force]) = *residual;
         state.predicted = [state.slope_rad_s2[0] - roll, state.slope_rad_s2[1] - pitch];
         state.force = force;
-        self.settle(state);
     }
 
     /// Writes down what is believed.
@@ -366,12 +376,8 @@ impl<S: Scalar> Health<S> {
     }
 }
 
-/// S of hypothesis `i` as it is compared.
-fn judged<S: Scalar>(suspect: &Suspect<S>, i: usize) -> S {
-    let handicap = match i {
-        ALL => SHARED_NATS,
-        _ if i < ALL => 0.0,
-        _ => HANDICAP_NATS,
-    };
-    suspect.nats - S::from_f32(handicap)
+/// What speaks for a loss of rotor `j`, by each c_j'C⁻¹x̃.
+fn of_one<S: Scalar>(state: &RotorsState<S>, per_newton: &[S; 4], j: usize) -> Evidence<S> {
+    let alone_n = state.felt_n[j] * state.health.suspects[ALL].factor;
+    Evidence { seen: -(alone_n * per_newton[j]), size: alone_n * alone_n * state.health.sharpness[j] }
 }

@@ -37,10 +37,7 @@ impl<S: Scalar> Rotors<S> {
         if let Some(spinning) = state.spinning {
             let healed = (s(HEALED) * self.hover_share).lt(share);
             let done = healed & turns.lt(s(TURNING_RAD_S.1));
-            let facing = (spinning.rotor + 2) % 4;
-            let least = if spinning.pair { PAIR.1 } else { PAIR.0 };
-            let pair = !state.health.is_stuck(facing) && state.shares[facing].lt(s(least)).all();
-            return (!done).all().then_some(Spinning { healed: healed.all(), pair, ..spinning });
+            return (!done).all().then_some(Spinning { healed: healed.all(), ..spinning.beside(state) });
         }
         let turning = share.lt(self.hover_share) & s(TURNING_RAD_S.0).lt(turns);
         let stuck_n = state.stuck_n[weakest];
@@ -52,6 +49,16 @@ impl<S: Scalar> Rotors<S> {
             let doubt = if state.told[weakest].is_some() { S::ZERO } else { state.health.uncertainty(weakest) };
             ((share + s(SURE) * doubt).lt(s(LOST) * self.hover_share), weakest)
         };
-        (lost | turning).all().then(|| Spinning::without(rotor))
+        (lost | turning).all().then(|| Spinning::without(rotor).beside(state))
+    }
+}
+
+impl<S: Scalar> Spinning<S> {
+    /// Does without the facing rotor too, or with it.
+    fn beside(self, state: &RotorsState<S>) -> Self {
+        let facing = (self.rotor + 2) % 4;
+        let least = if self.pair { PAIR.1 } else { PAIR.0 };
+        let pair = !state.health.is_stuck(facing) && state.shares[facing].lt(S::from_f32(least)).all();
+        Self { pair, ..self }
     }
 }

@@ -67,6 +67,11 @@ impl<S: Scalar> Suspect<S> {
         limit.lt(self.nats)
     }
 
+    /// S as it is compared.
+    pub(super) fn judged(&self, handicap_nats: f32) -> S {
+        self.nats - S::from_f32(handicap_nats)
+    }
+
     /// Follows the factor; returns what of the effect of a total loss this explains.
     pub(super) fn follow(&mut self, &Evidence { seen, size }: &Evidence<S>, filter: &LowPass<S>, dt_s: S) -> S {
         let s = S::from_f32;

@@ -59,6 +59,12 @@ impl<S: Scalar> Weather<S> {
         core::array::from_fn(|axis| residual[axis] - self.mean[axis])
     }
 
+    /// C⁻¹x̃.
+    pub(super) fn weighted(&self, residual: &[S; AXES]) -> [S; AXES] {
+        let beside = self.beside(residual);
+        core::array::from_fn(|axis| beside[axis] * self.weights[axis])
+    }
+
     /// Learns from a residual without a fault.
     pub(super) fn learn(&mut self, climate: &Climate<S>, residual: &[S; AXES], dt_s: S) {
         let axis = self.turn % AXES;

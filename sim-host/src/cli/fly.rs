@@ -50,7 +50,7 @@ pub(super) fn fly(args: &FlyArgs) -> Result<(), Failure> {
     let mut log = Log::at_rate(args.log_hz.into(), scenario.control_hz());
     let mut ticks = match &args.ticks {
         None => None,
-        Some(path) => Some(TickRecord::new(controller).ok_or_else(|| {
+        Some(path) => Some(TickRecord::new(controller, scenario.vehicle().airframe()).ok_or_else(|| {
             Failure::bad_input(format!("--ticks {}: only lgs and default are known to the board", path.display()))
         })?),
     };
