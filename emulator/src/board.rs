@@ -5,12 +5,17 @@
 //! | inertial unit          | SPI1, select PA4, INT1 PC4         |
 //! | speed controllers      | TIM4 CH1 PB6, CH2 PB7; TIM3 CH3 PB0, CH4 PB1 |
 //! | radio receiver         | USART2                             |
+//! | barometer, magnetometer | I2C1, PB8 and PB9                 |
+//! | satellite receiver     | USART6                             |
+//! | vision computer        | USART1                             |
 //! | battery, through 1 : 11 | ADC1 channel 10                   |
 //!
 //! # Source
 //! As `firmware/src/board/speedybee_f405_v4.rs`, where it is cited.
 use crate::device::esc::{Esc, Heard};
 use crate::device::icm42688::Icm42688;
+use crate::device::sensor_bus::SensorBus;
+use crate::device::ublox::Ublox;
 use crate::peripheral::timer::Pulse;
 
 /// Frequency of the crystal, Hz.
@@ -20,8 +25,17 @@ pub(crate) const CYCLES_US: u64 = 168;
 /// Port and pin of the inertial unit's select line and of its data-ready line.
 pub(crate) const IMU_SELECT: (usize, u32) = (0, 4);
 pub(crate) const IMU_READY: (usize, u32) = (2, 4);
-/// The port of the radio receiver, counted from zero.
+/// The ports of the radio receiver, the satellite receiver and the vision computer, counted from zero.
 pub(crate) const RADIO: usize = 1;
+pub(crate) const GNSS: usize = 5;
+pub(crate) const VISION: usize = 0;
+/// Bits a second from the radio receiver and the vision computer.
+pub(crate) const RADIO_BAUD: u32 = 420_000;
+pub(crate) const VISION_BAUD: u32 = 921_600;
+/// The bus of the slow sensors, counted from zero, its pins and their alternate function.
+pub(crate) const SENSORS: usize = 0;
+pub(crate) const SENSOR_PINS: [(usize, u32); 2] = [(1, 8), (1, 9)];
+pub(crate) const SENSOR_FUNCTION: u32 = 4;
 /// Timer and channel, port and pin of each motor; all are that pin's alternate function 2.
 pub(crate) const MOTORS: [(usize, usize, (usize, u32)); 4] =
     [(4, 0, (1, 6)), (4, 1, (1, 7)), (3, 2, (1, 0)), (3, 3, (1, 1))];
@@ -30,10 +44,17 @@ const BATTERY_CHANNEL: u32 = 10;
 const BATTERY_DIVIDER: f32 = 11.0;
 const REFERENCE_V: f32 = 3.3;
 
+/// What a bit takes at this many a second, core cycles.
+pub(crate) fn bit_cycles(baud: u32) -> u64 {
+    (1_000_000 * CYCLES_US + u64::from(baud) / 2) / u64::from(baud.max(1))
+}
+
 /// Devices, and what was seen of them.
 #[derive(Debug)]
 pub(crate) struct Board {
     pub(crate) imu: Icm42688,
+    pub(crate) sensors: SensorBus,
+    pub(crate) gnss: Ublox,
     pub(crate) escs: [Esc; 4],
     pub(crate) battery_v: f32,
     /// Whether the chip no longer sees the data-ready line.
@@ -48,6 +69,8 @@ impl Board {
     pub(crate) fn new() -> Self {
         Self {
             imu: Icm42688::new(CYCLES_US),
+            sensors: SensorBus::new(CYCLES_US),
+            gnss: Ublox::new(CYCLES_US),
             escs: [Esc::default(); 4],
             battery_v: 16.8,
             ready_line_broken: false,
@@ -61,6 +84,12 @@ impl Board {
         // Its x is right, its y forward, its z up.
         let part = |[forward, right, down]: [f32; 3]| [right, forward, -down];
         self.imu.feel(part(force_m_s2), part(rate_rad_s));
+    }
+
+    /// Tells the magnetometer the field: forward, right, down, µT.
+    pub(crate) fn set_field(&mut self, [forward, right, down]: [f32; 3], now: u64) {
+        // Its x is forward, its y left, its z up.
+        self.sensors.magnetometer.feel([forward, -right, -down], now);
     }
 
     /// Answers a word on a bus.

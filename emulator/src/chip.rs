@@ -17,6 +17,7 @@ use crate::peripheral::dwt::Dwt;
 use crate::peripheral::exti::Exti;
 use crate::peripheral::flash::{Flash, Operation};
 use crate::peripheral::gpio::Gpio;
+use crate::peripheral::i2c::I2c;
 use crate::peripheral::iwdg::Iwdg;
 use crate::peripheral::otg::Otg;
 use crate::peripheral::pwr::Pwr;
@@ -74,7 +75,8 @@ pub(crate) struct Chip {
     iwdg: Iwdg,
     pub(crate) timers: [Timer; 6],
     spi: [Spi; 3],
-    pub(crate) usart: [Usart; 6],
+    usart: [Usart; 6],
+    i2c: [I2c; 3],
     dma: [Dma; 2],
     adc: Adc,
     otg: Otg,
@@ -115,6 +117,7 @@ impl Chip {
             timers: TIMERS.map(new_timer),
             spi: Default::default(),
             usart: std::array::from_fn(|_| Usart::new()),
+            i2c: Default::default(),
             dma: [Dma::new(1), Dma::new(2)],
             adc: Adc::default(),
             otg: Otg::default(),
@@ -217,6 +220,7 @@ impl Chip {
             Unit::Timer(n) => self.timers[n].read(offset, t),
             Unit::Spi(n) => self.spi[n].read(offset),
             Unit::Usart(n) => self.usart[n].read(offset),
+            Unit::I2c(n) => self.i2c[n].read(offset, t),
             Unit::Dma(n) => self.dma[n].read(offset),
             Unit::Adc => self.adc.read(offset),
             Unit::Otg => self.otg.read(offset),
@@ -257,6 +261,7 @@ impl Chip {
             Unit::Timer(n) => self.timers[n].write(offset, value, t),
             Unit::Spi(n) => self.spi[n].write(offset, value, t),
             Unit::Usart(n) => self.usart[n].write(offset, value, t),
+            Unit::I2c(n) => self.i2c[n].write(offset, value, t),
             Unit::Dma(n) => self.dma[n].write(offset, value),
             Unit::Adc => self.adc.write(offset, value, t),
             Unit::Otg => self.otg.write(offset, value),
@@ -276,6 +281,7 @@ impl Chip {
                 Unit::Timer(n) => self.timers[n] = new_timer(TIMERS[n]),
                 Unit::Spi(n) => self.spi[n] = Spi::default(),
                 Unit::Usart(n) => self.usart[n] = Usart::new(),
+                Unit::I2c(n) => self.i2c[n] = I2c::default(),
                 Unit::Dma(n) => self.dma[n] = Dma::new(n + 1),
                 Unit::Adc => self.adc = Adc::default(),
                 Unit::Syscfg => self.syscfg = Syscfg::default(),
@@ -290,7 +296,7 @@ impl Chip {
     /// After anything has happened to `unit`: its lines, its next event, and the DMA it may ask for.
     fn settle(&mut self, unit: Unit, memory: &mut dyn Memory) {
         self.refresh(unit);
-        if matches!(unit, Unit::Spi(_) | Unit::Usart(_) | Unit::Timer(_) | Unit::Adc | Unit::Dma(_)) {
+        if matches!(unit, Unit::Spi(_) | Unit::Usart(_) | Unit::I2c(_) | Unit::Timer(_) | Unit::Adc | Unit::Dma(_)) {
             self.run_dma(memory);
         }
         if let Some(Operation::Erase { start, length }) = self.flash.started.take() {
@@ -332,7 +338,7 @@ impl Unit {
     fn bus(self) -> Bus {
         match self {
             Unit::Timer(n) if matches!(TIMERS[n], 1 | 8) => Bus::Apb2,
-            Unit::Timer(_) | Unit::Rtc | Unit::Iwdg | Unit::Pwr => Bus::Apb1,
+            Unit::Timer(_) | Unit::I2c(_) | Unit::Rtc | Unit::Iwdg | Unit::Pwr => Bus::Apb1,
             Unit::Spi(n) => {
                 if n == 0 {
                     Bus::Apb2

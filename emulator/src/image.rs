@@ -31,8 +31,17 @@ impl Image {
     /// # Errors
     /// If the image has none of this name.
     pub fn symbol(&self, name: &str) -> Result<u32, Failure> {
+        self.variable(name).map(|(address, _)| address)
+    }
+
+    /// Address of a variable, and its bytes.
+    ///
+    /// # Errors
+    /// If the image has none of this name.
+    pub fn variable(&self, name: &str) -> Result<(u32, usize), Failure> {
         let file = ElfFile32::<Endianness>::parse(&*self.elf).map_err(|error| Failure(error.to_string()))?;
-        let found = file.symbols().find(|symbol| symbol.name() == Ok(name)).map(|symbol| symbol.address() as u32);
+        let found = file.symbols().find(|symbol| symbol.name() == Ok(name));
+        let found = found.map(|symbol| (symbol.address() as u32, symbol.size() as usize));
         found.ok_or_else(|| Failure(format!("the image has no symbol {name}")))
     }
 }

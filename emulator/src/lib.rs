@@ -38,9 +38,11 @@ pub mod pipe;
 mod tasks;
 mod unit;
 
+pub use device::sensor_bus::Health;
+pub use device::ublox::Fix;
 pub use image::Image;
 pub use log::Log;
-pub use machine::{Load, Machine, Motors};
+pub use machine::{Line, Load, Machine, Motors, Part};
 pub use tasks::Task;
 
 /// Why a run ended: what the image did that the board, or this model of it, does not do.

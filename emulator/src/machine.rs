@@ -6,7 +6,6 @@
 //! time its block began.
 //!
 //! Asleep in WFI or WFE, time jumps to whatever happens next.
-use crate::device::crsf;
 use crate::exception::{self, ENTRY_CYCLES};
 use crate::nvic::{HARD_FAULT, SV_CALL};
 use crate::peripheral::flash::FLASH_START;
@@ -14,12 +13,12 @@ use crate::{Failure, Image, Task};
 use std::cell::RefCell;
 use std::rc::Rc;
 use unicorn_engine::{RegisterARM as R, Unicorn, uc_error};
-use wiring::{FLASH_BYTES, LOOP, RAM_START, Ram, State, masks, wire};
+use wiring::{FLASH_BYTES, RAM_START, Ram, State, masks, wire};
 
 mod wiring;
+mod world;
 
-/// An address without memory.
-const NOWHERE: u32 = 0x6000_0000;
+pub use world::{Line, Part};
 
 /// Registers of the CPU, and memory.
 pub(crate) struct Cpu {
@@ -134,21 +133,6 @@ impl Machine {
         Load { cycles: state.chip.now, busy: state.busy, instructions: state.instructions }
     }
 
-    /// Tells the inertial unit how the body moves: forward, right, down; m/s² and rad/s.
-    pub fn move_body(&mut self, force_m_s2: [f32; 3], rate_rad_s: [f32; 3]) {
-        self.state.borrow_mut().chip.board.move_body(force_m_s2, rate_rad_s);
-    }
-
-    /// Sets the battery's voltage, V.
-    pub fn set_battery(&mut self, volts: f32) {
-        self.state.borrow_mut().chip.board.battery_v = volts;
-    }
-
-    /// Lets the radio receiver send a frame with these channels, 172 to 1811.
-    pub fn send_channels(&mut self, channels: [u16; 16]) {
-        self.state.borrow_mut().chip.hear_radio(&crsf::frame(channels));
-    }
-
     /// When the inertial unit has its next sample, core cycles, if it is on.
     pub fn next_sample(&self) -> Option<u64> {
         self.state.borrow().chip.board.imu.next_sample()
@@ -180,25 +164,6 @@ impl Machine {
         }
     }
 
-    /// Sends the core where there is no code.
-    pub fn derail(&mut self) {
-        self.close_here();
-        self.cpu.set(R::PC, NOWHERE | 1);
-    }
-
-    /// Lets the program hang where it is, interrupts masked or not.
-    pub fn hang(&mut self, masked: bool) {
-        self.close_here();
-        self.cpu.set(R::PRIMASK, masked.into());
-        self.cpu.set(R::PC, LOOP.0 | 1);
-    }
-
-    /// Uses the stack up but for a few words.
-    pub fn exhaust_stack(&mut self) {
-        self.close_here();
-        self.cpu.set(R::SP, RAM_START + 16);
-    }
-
     /// Bytes of the lowest RAM, where the image has its stack, and how many of them were ever written.
     ///
     /// # Errors
@@ -209,18 +174,6 @@ impl Machine {
         // RAM begins as zeros here.
         let untouched = memory.iter().position(|&byte| byte != 0).unwrap_or(memory.len());
         Ok((bytes, bytes - untouched as u32))
-    }
-
-    /// Breaks the inertial unit's data-ready line.
-    pub fn break_data_ready(&mut self) {
-        self.state.borrow_mut().chip.board.ready_line_broken = true;
-    }
-
-    /// Charges what has run, before the core is sent elsewhere.
-    fn close_here(&mut self) {
-        let pc = self.cpu.register(R::PC);
-        self.close(pc);
-        self.asleep = None;
     }
 
     /// Faults that the image has handled.

@@ -12,7 +12,7 @@
 //! | `g`             | 3 × f32: magnetic field, µT, forward, right, down; holds                    |
 //! | `u`             | the satellite receiver sends this fix now, unless it was told to send fewer: 2 × i32 latitude and longitude, 1e-7°; 7 × f32 height above the ellipsoid, m, velocity north, east, down, m/s, its own errors horizontal, vertical, m, and of speed, m/s, 1 σ; u8 kind of fix, 3 in three dimensions; u8 satellites |
 //! | `v`             | the vision computer sends this pose now: u32 its age, µs; 9 × f32 position north, east, down, m, quaternion w, x, y, z from body to NED, its own errors of position, m, and attitude, rad, 1 σ |
-//! | `d`             | u8: 0 the barometer, 1 the magnetometer; u8: 0 it no longer answers, 1 it does again |
+//! | `d`             | u8: 0 the barometer, 1 the magnetometer; u8: 0 it no longer answers, 1 it works again, 2 it holds the bus |
 //! | `t`             | u8: 0 the radio receiver's line, 1 the satellite receiver's, 2 the vision computer's; u8 bytes, and those, which come over that line now |
 //! | `n`             | nothing: run one period of the inertial unit, then answer                   |
 //!
@@ -24,34 +24,33 @@
 //! |         | 4 × u16 what each motor was told last, 65535 for nothing; 4 × u32 frames and pulses that each understood; |
 //! |         | u32 words of the image's record of its last step, and those; u32 bytes of its log since the last answer, and those, UTF-8 |
 //! | `x`     | u32 bytes of why the run has ended, and those, UTF-8; nothing follows                              |
-use crate::{Failure, Image, Log, Machine};
+use crate::{Failure, Fix, Health, Image, Line, Log, Machine, Part};
+use flight_link::VisionPose;
 use std::io::{self, ErrorKind, Read, Write};
 
 /// Cycles between the end of a period and the next sample: longer than any block of code.
 const BEFORE_SAMPLE: u64 = 2_000;
 /// Cycles after which an image that has not switched its inertial unit on never will.
 const BOOT_MAX: u64 = 168_000_000;
-/// The image's record of its last step: its name, and its words with the sequence number.
+/// The image's record of its last step, a sequence number before it.
 const RECORD: &str = "LAST_STEP";
-const RECORD_WORDS: usize = 23;
 
 /// Serves a program until it ends its side.
 ///
 /// # Errors
 /// If the pipe breaks, or a message is none. What the image does wrong goes to the other side.
 pub fn serve(image: &Image, mut input: impl Read, mut output: impl Write) -> io::Result<()> {
-    let start = || Ok((Machine::new(image)?, Log::new(image)?, image.symbol(RECORD)?));
+    let start = || Ok((Machine::new(image)?, Log::new(image)?, image.variable(RECORD)?));
     let (mut machine, mut log, record) = match start() {
         Ok(parts) => parts,
         Err(failure) => return refuse(&mut output, &failure),
     };
     loop {
-        let mut kind = [0];
-        match input.read_exact(&mut kind) {
+        let [kind] = match bytes(&mut input) {
             Err(error) if error.kind() == ErrorKind::UnexpectedEof => return Ok(()),
             other => other?,
-        }
-        match kind[0] {
+        };
+        match kind {
             b'm' => {
                 let [fx, fy, fz, rx, ry, rz] = floats(&mut input)?;
                 machine.move_body([fx, fy, fz], [rx, ry, rz]);
@@ -62,9 +61,8 @@ pub fn serve(image: &Image, mut input: impl Read, mut output: impl Write) -> io:
             }
             b'c' => machine.send_channels(channels(&mut input)?),
             b'f' => {
-                let mut mishap = [0];
-                input.read_exact(&mut mishap)?;
-                match mishap[0] {
+                let [mishap] = bytes(&mut input)?;
+                match mishap {
                     0 => machine.derail(),
                     1 => machine.hang(true),
                     2 => machine.break_data_ready(),
@@ -72,6 +70,26 @@ pub fn serve(image: &Image, mut input: impl Read, mut output: impl Write) -> io:
                     10 => machine.exhaust_stack(),
                     other => return Err(io::Error::new(ErrorKind::InvalidData, format!("there is no mishap {other}"))),
                 }
+            }
+            b'p' => {
+                let [pressure_pa, temperature_c] = floats(&mut input)?;
+                machine.set_air(pressure_pa, temperature_c);
+            }
+            b'g' => machine.set_field(floats(&mut input)?),
+            b'u' => machine.send_fix(&fix(&mut input)?),
+            b'v' => machine.send_pose(pose(&mut input)?),
+            b'd' => {
+                let [part, health] = bytes(&mut input)?;
+                let part = known(&[Part::Barometer, Part::Magnetometer], part, "part")?;
+                let health = known(&[Health::Silent, Health::Well, Health::HoldsClock], health, "health")?;
+                machine.set_health(part, health);
+            }
+            b't' => {
+                let [line, count] = bytes(&mut input)?;
+                let line = known(&[Line::Radio, Line::Gnss, Line::Vision], line, "line")?;
+                let mut noise = vec![0; count.into()];
+                input.read_exact(&mut noise)?;
+                machine.send_bytes(line, &noise);
             }
             b'n' => match step(&mut machine, &mut log, record) {
                 Ok(answer) => output.write_all(&answer)?,
@@ -92,7 +110,7 @@ fn refuse(output: &mut impl Write, failure: &Failure) -> io::Result<()> {
 }
 
 /// Runs one period; returns the answer.
-fn step(machine: &mut Machine, log: &mut Log, record: u32) -> Result<Vec<u8>, Failure> {
+fn step(machine: &mut Machine, log: &mut Log, record: (u32, usize)) -> Result<Vec<u8>, Failure> {
     let until = match machine.next_sample() {
         Some(sample) => sample + machine.sample_period() - BEFORE_SAMPLE,
         None => boot(machine)?,
@@ -109,8 +127,9 @@ fn step(machine: &mut Machine, log: &mut Log, record: u32) -> Result<Vec<u8>, Fa
     for good in motors.good {
         answer.extend(good.to_le_bytes());
     }
-    answer.extend((RECORD_WORDS as u32).to_le_bytes());
-    answer.extend(machine.memory(record, 4 * RECORD_WORDS)?);
+    let (address, length) = record;
+    answer.extend((length as u32 / 4).to_le_bytes());
+    answer.extend(machine.memory(address, length)?);
     // Writing to a vector cannot fail.
     let _ = text(&mut answer, &log.lines(machine)?.join("\n"));
     Ok(answer)
@@ -128,19 +147,42 @@ fn boot(machine: &mut Machine) -> Result<u64, Failure> {
     Ok(machine.next_sample().unwrap_or(0) - BEFORE_SAMPLE)
 }
 
+fn bytes<const N: usize>(input: &mut impl Read) -> io::Result<[u8; N]> {
+    let mut bytes = [0; N];
+    input.read_exact(&mut bytes)?;
+    Ok(bytes)
+}
+
 fn floats<const N: usize>(input: &mut impl Read) -> io::Result<[f32; N]> {
     let mut values = [0.0; N];
     for value in &mut values {
-        let mut bytes = [0; 4];
-        input.read_exact(&mut bytes)?;
-        *value = f32::from_le_bytes(bytes);
+        *value = f32::from_le_bytes(bytes(input)?);
     }
     Ok(values)
 }
 
+fn fix(input: &mut impl Read) -> io::Result<Fix> {
+    let place_e7 = [i32::from_le_bytes(bytes(input)?), i32::from_le_bytes(bytes(input)?)];
+    let values = floats(input)?;
+    let [kind, satellites] = bytes(input)?;
+    Ok(Fix { place_e7, values, kind, satellites })
+}
+
+fn pose(input: &mut impl Read) -> io::Result<VisionPose> {
+    let age_us = u32::from_le_bytes(bytes(input)?);
+    let (position_m, attitude, [position_sigma_m, attitude_sigma_rad]) =
+        (floats(input)?, floats(input)?, floats(input)?);
+    Ok(VisionPose { age_us, position_m, attitude, position_sigma_m, attitude_sigma_rad })
+}
+
+/// The `place`-th of what there is.
+fn known<T: Copy>(all: &[T], place: u8, kind: &str) -> io::Result<T> {
+    let found = all.get(usize::from(place)).copied();
+    found.ok_or_else(|| io::Error::new(ErrorKind::InvalidData, format!("there is no {kind} {place}")))
+}
+
 fn channels(input: &mut impl Read) -> io::Result<[u16; 16]> {
-    let mut bytes = [0; 32];
-    input.read_exact(&mut bytes)?;
+    let bytes: [u8; 32] = bytes(input)?;
     Ok(std::array::from_fn(|n| u16::from_le_bytes([bytes[2 * n], bytes[2 * n + 1]])))
 }
 

@@ -25,12 +25,13 @@ pub(crate) enum Unit {
     Dma(usize),
     Spi(usize),
     Usart(usize),
+    I2c(usize),
     Timer(usize),
     Gpio(usize),
 }
 
 /// How many there are.
-pub(crate) const UNITS: usize = 39;
+pub(crate) const UNITS: usize = 42;
 
 const SINGLE: [Unit; 13] = [
     Unit::Core,
@@ -57,6 +58,7 @@ impl Unit {
             Self::Usart(n) => 18 + n,
             Self::Timer(n) => 24 + n,
             Self::Gpio(n) => 30 + n,
+            Self::I2c(n) => 39 + n,
             single => SINGLE.iter().position(|&unit| unit == single).unwrap_or(0),
         }
     }
@@ -71,6 +73,7 @@ impl Unit {
             .chain(several(6, Self::Usart))
             .chain(several(6, Self::Timer))
             .chain(several(9, Self::Gpio))
+            .chain(several(3, Self::I2c))
     }
 
     /// Offset of the enable register in RCC and the bit in it, where the unit has one. That of its reset is 0x20 less.
@@ -86,6 +89,7 @@ impl Unit {
             Self::Timer(n) => [(APB2, 0), (APB1, 0), (APB1, 1), (APB1, 2), (APB1, 3), (APB2, 1)][n],
             Self::Spi(n) => [(APB2, 12), (APB1, 14), (APB1, 15)][n],
             Self::Usart(n) => [(APB2, 4), (APB1, 17), (APB1, 18), (APB1, 19), (APB1, 20), (APB2, 5)][n],
+            Self::I2c(n) => (APB1, 21 + n as u32),
             Self::Pwr => (APB1, 28),
             Self::Adc => (APB2, 8),
             Self::Syscfg => (APB2, 14),
@@ -100,6 +104,7 @@ impl fmt::Display for Unit {
             Self::Dma(n) => write!(f, "DMA{}", n + 1),
             Self::Spi(n) => write!(f, "SPI{}", n + 1),
             Self::Usart(n) => write!(f, "USART{}", n + 1),
+            Self::I2c(n) => write!(f, "I2C{}", n + 1),
             Self::Timer(n) => write!(f, "TIM{}", crate::chip::TIMERS[n]),
             Self::Gpio(n) => write!(f, "GPIO{}", char::from(b'A' + n as u8)),
             single => write!(f, "{}", format!("{single:?}").to_uppercase()),
@@ -118,6 +123,7 @@ pub(crate) fn locate(address: u32) -> Option<(Unit, u32)> {
         0x4000_3000..=0x4000_33ff => (0x4000_3000, Unit::Iwdg),
         0x4000_3800..=0x4000_3fff => (address & !0x3ff, Unit::Spi(1 + (address >> 10 & 1) as usize)),
         0x4000_4400..=0x4000_53ff => (address & !0x3ff, Unit::Usart((address >> 10 & 7) as usize)),
+        0x4000_5400..=0x4000_5fff => (address & !0x3ff, Unit::I2c((address >> 10 & 3) as usize - 1)),
         0x4000_7000..=0x4000_73ff => (0x4000_7000, Unit::Pwr),
         0x4001_0000..=0x4001_03ff => (0x4001_0000, Unit::Timer(0)),
         0x4001_0400..=0x4001_07ff => (0x4001_0400, Unit::Timer(5)),
@@ -153,6 +159,8 @@ mod tests {
             (0x4000_0c24, "TIM5", 0x24),
             (0x4000_4404, "USART2", 4),
             (0x4000_5000, "USART5", 0),
+            (0x4000_5410, "I2C1", 0x10),
+            (0x4000_5c00, "I2C3", 0),
             (0x4001_1404, "USART6", 4),
             (0x4000_3c0c, "SPI3", 0xc),
             (0x4002_0414, "GPIOB", 0x14),

@@ -2,11 +2,18 @@
 //!
 //! The emulator is spawned, never linked: its licence is not the workspace's. Both it and the image are built where they
 //! are out of date.
+use control_core::frames::{Attitude, Body, Vec3};
+use control_core::geodesy::Geodetic;
+use control_core::measurement::{Gnss, Vision};
 use firmware::record::{Record, WORDS};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use std::io::{self, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::{Mutex, PoisonError};
+
+/// How many satellites a fix is said to be of.
+const SATELLITES: u8 = 14;
 
 /// What moves the body: specific force, m/s², and rate, rad/s, forward, right, down.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,6 +56,37 @@ pub enum Mishap {
     HangBelow = 3,
     /// The stack is used up but for a few words.
     StackOverflow = 10,
+}
+
+/// A part on the slow sensors' bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The barometer.
+    Barometer = 0,
+    /// The magnetometer.
+    Magnetometer = 1,
+}
+
+/// How a part does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Health {
+    /// It does not answer.
+    Silent = 0,
+    /// It works.
+    Well = 1,
+    /// It holds the clock line, and so the bus.
+    HoldsBus = 2,
+}
+
+/// A line over which bytes come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Line {
+    /// The radio receiver's.
+    Radio = 0,
+    /// The satellite receiver's.
+    Gnss = 1,
+    /// The vision computer's.
+    Vision = 2,
 }
 
 /// Why the image does not run, or no longer.
@@ -141,6 +179,48 @@ impl Emulator {
         self.say(b'c', channels.into_iter().flat_map(u16::to_le_bytes));
     }
 
+    /// Sets the air at the barometer: static pressure, Pa, and temperature, °C; holds.
+    pub fn set_air(&mut self, pressure_pa: f32, temperature_c: f32) {
+        self.say(b'p', bytes_of(&[pressure_pa, temperature_c]));
+    }
+
+    /// Sets the magnetic field, µT; holds.
+    pub fn set_field(&mut self, field_ut: Vec3<Body>) {
+        self.say(b'g', bytes_of(&[field_ut.x, field_ut.y, field_ut.z]));
+    }
+
+    /// Lets the satellite receiver send a fix. Of `fix`, the position is left out: it is `place`.
+    pub fn send_fix(&mut self, place: &Geodetic, fix: &Gnss) {
+        let v = fix.velocity_m_s;
+        let values = [place.altitude_m, v.x, v.y, v.z, fix.horizontal_m, fix.vertical_m, fix.speed_m_s];
+        let mut numbers: Vec<u8> =
+            [place.latitude_e7, place.longitude_e7].into_iter().flat_map(i32::to_le_bytes).collect();
+        numbers.extend(bytes_of(&values));
+        numbers.extend([if fix.fixed { 3 } else { 0 }, SATELLITES]);
+        self.say(b'u', numbers);
+    }
+
+    /// Lets the vision computer send a pose that was true `age_us` ago.
+    pub fn send_pose(&mut self, age_us: u32, pose: &Vision) {
+        let (p, attitude) = (pose.position_m, quaternion(&pose.attitude));
+        let mut numbers = age_us.to_le_bytes().to_vec();
+        numbers.extend(bytes_of(&[p.x, p.y, p.z]));
+        numbers.extend(bytes_of(&attitude));
+        numbers.extend(bytes_of(&[pose.position_sigma_m, pose.attitude_sigma_rad]));
+        self.say(b'v', numbers);
+    }
+
+    /// Sets how a part does; holds.
+    pub fn set_health(&mut self, part: Part, health: Health) {
+        self.say(b'd', [part as u8, health as u8]);
+    }
+
+    /// Lets bytes come over a line, whoever has sent them: up to 255.
+    pub fn send_bytes(&mut self, line: Line, bytes: &[u8]) {
+        let bytes = &bytes[..bytes.len().min(u8::MAX.into())];
+        self.say(b't', [line as u8, bytes.len() as u8].into_iter().chain(bytes.iter().copied()));
+    }
+
     /// Does something to the chip that no program should: see [`Mishap`].
     pub fn inflict(&mut self, mishap: Mishap) {
         self.say(b'f', [mishap as u8]);
@@ -202,6 +282,14 @@ impl Emulator {
         self.output.read_exact(&mut text)?;
         String::from_utf8(text).map_err(io::Error::other)
     }
+}
+
+/// The unit quaternion w, x, y, z of an attitude.
+fn quaternion(attitude: &Attitude) -> [f32; 4] {
+    let rows = attitude.rows.map(|row| row.map(f64::from));
+    let matrix = Matrix3::from_fn(|row, column| rows[row][column]);
+    let q = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix));
+    [q.w, q.i, q.j, q.k].map(|value| value as f32)
 }
 
 /// Numbers as the pipe carries them.

@@ -36,6 +36,13 @@ impl Chip {
                 self.nvic.set_line([37, 38, 39, 52, 53, 71][n], self.usart[n].interrupts());
                 next = self.usart[n].next();
             }
+            Unit::I2c(n) => {
+                let [events, errors] = self.i2c[n].interrupts();
+                let (first, second) = [(31, 32), (33, 34), (72, 73)][n];
+                self.nvic.set_line(first, events);
+                self.nvic.set_line(second, errors);
+                next = self.i2c[n].next();
+            }
             Unit::Dma(n) => {
                 for (irq, high) in self.dma[n].interrupts() {
                     self.nvic.set_line(irq, high);
@@ -80,7 +87,25 @@ impl Chip {
                 // It may have been switched on or off.
                 self.refresh(Unit::Board);
             }
-            Unit::Usart(n) => self.usart[n].event(t),
+            Unit::Usart(n) => {
+                self.usart[n].event(t);
+                let sent = std::mem::take(&mut self.usart[n].sent);
+                if n == board::GNSS && self.usart[n].is_speed(board::bit_cycles(self.board.gnss.baud), t) {
+                    self.tell_receiver(&sent);
+                }
+            }
+            Unit::I2c(n) if n == board::SENSORS => {
+                let connected = board::SENSOR_PINS
+                    .iter()
+                    .all(|&(port, pin)| self.gpio[port].mode(pin) == Mode::Alternate(board::SENSOR_FUNCTION));
+                if !connected {
+                    self.fail("the sensors' bus is used without its pins".to_owned());
+                }
+                self.i2c[n].event(t, self.board.sensors.at(t.now));
+                if let Some(what) = self.board.sensors.unknown.take() {
+                    self.fail(what);
+                }
+            }
             Unit::Adc => {
                 let value = self.board.convert(self.adc.due());
                 self.adc.converted(value, t);
@@ -124,12 +149,20 @@ impl Chip {
         }
     }
 
-    /// The radio receiver sends these bytes.
-    pub(crate) fn hear_radio(&mut self, bytes: &[u8]) {
-        let unit = Unit::Usart(board::RADIO);
-        let t = self.tick(unit);
-        self.usart[board::RADIO].feed(bytes, t);
-        self.refresh(unit);
+    /// These bytes come to a serial port, at this many bits a second.
+    pub(crate) fn hear(&mut self, port: usize, bytes: &[u8], baud: u32) {
+        self.usart[port].feed(bytes, board::bit_cycles(baud), self.now);
+        self.refresh(Unit::Usart(port));
+    }
+
+    /// The satellite receiver is told these bytes, and answers at the speed that it has then.
+    fn tell_receiver(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            match self.board.gnss.hear(byte) {
+                Ok(answer) => self.hear(board::GNSS, &answer, self.board.gnss.baud),
+                Err(what) => self.fail(what),
+            }
+        }
     }
 }
 

@@ -12,6 +12,9 @@ impl Chip {
                     && self.wants(request)
                 {
                     self.beat(n, stream, memory);
+                    if let (Request::I2cRx(port), 1) = (request, self.dma[n].left(stream)) {
+                        self.i2c[port - 1].one_left();
+                    }
                 }
             }
         }
@@ -23,7 +26,8 @@ impl Chip {
             Request::SpiTx(n) => self.spi[n - 1].wants_write(),
             Request::UsartRx(n) => self.usart[n - 1].wants_read(),
             Request::UsartTx(n) => self.usart[n - 1].wants_write(),
-            Request::I2cRx(_) | Request::I2cTx(_) => false,
+            Request::I2cRx(n) => self.i2c[n - 1].wants_read(),
+            Request::I2cTx(n) => self.i2c[n - 1].wants_write(),
             Request::TimerUpdate(n) => {
                 TIMERS.iter().position(|&number| number == n).is_some_and(|n| self.timers[n].wants_dma())
             }

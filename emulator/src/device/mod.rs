@@ -1,4 +1,16 @@
 //! Devices behind the chip's pins, one file each.
 pub(crate) mod crsf;
+pub(crate) mod dps310;
 pub(crate) mod esc;
 pub(crate) mod icm42688;
+pub(crate) mod qmc5883l;
+pub(crate) mod sensor_bus;
+pub(crate) mod ublox;
+
+/// A device that shows registers. `None` for what of them is not modelled.
+pub(crate) trait Registers {
+    /// Reads a register at a time, core cycles.
+    fn read(&mut self, register: u8, now: u64) -> Option<u8>;
+    /// Writes one.
+    fn write(&mut self, register: u8, value: u8, now: u64) -> Option<()>;
+}

@@ -225,6 +225,11 @@ impl Dma {
         beat
     }
 
+    /// Beats that are left of a stream's transfer.
+    pub(crate) fn left(&self, index: usize) -> u32 {
+        self.streams[index].ndtr
+    }
+
     /// Level of the interrupt of each stream.
     pub(crate) fn interrupts(&self) -> [(u32, bool); 8] {
         let numbers =

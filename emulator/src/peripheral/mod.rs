@@ -12,6 +12,7 @@ pub(crate) mod dwt;
 pub(crate) mod exti;
 pub(crate) mod flash;
 pub(crate) mod gpio;
+pub(crate) mod i2c;
 pub(crate) mod iwdg;
 pub(crate) mod otg;
 pub(crate) mod pwr;

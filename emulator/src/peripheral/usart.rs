@@ -1,14 +1,15 @@
 //! USART1 to USART6: eight bits, with DMA and idle line.
 //!
 //! A byte takes `10·BRR` cycles of the peripheral's clock (11 with parity on top of eight bits). Bytes from the world
-//! are put on the line with [`Usart::feed`] and follow each other without a gap; the idle line is seen one byte's time
-//! after the last.
+//! are put on the line with [`Usart::feed`], each at its sender's speed, and follow each other without a gap; the idle line is
+//! seen one byte's time after the last. A byte at another speed than the port's comes as another one, with a framing error.
 //!
 //! # Source
 //! RM0090, chapter 30.6 "USART registers".
 use super::{NEVER, Tick, only};
 use std::collections::VecDeque;
 
+const FE: u32 = 1 << 1;
 const ORE: u32 = 1 << 3;
 const IDLE: u32 = 1 << 4;
 const RXNE: u32 = 1 << 5;
@@ -27,8 +28,8 @@ pub(crate) struct Usart {
     dr: u8,
     brr: u32,
     cr: [u32; 3],
-    /// Bytes on their way in, and when the first is through.
-    line: VecDeque<u8>,
+    /// Bytes on their way in with the time of a bit, core cycles, and when the first is through.
+    line: VecDeque<(u8, u64)>,
     next_in: u64,
     /// When the line counts as idle.
     idle_at: u64,
@@ -64,7 +65,7 @@ impl Usart {
                 self.sr
             }
             0x04 => {
-                self.sr &= !(RXNE | self.looked_at & (ORE | IDLE));
+                self.sr &= !(RXNE | self.looked_at & (FE | ORE | IDLE));
                 self.looked_at = 0;
                 self.dr.into()
             }
@@ -95,12 +96,14 @@ impl Usart {
     }
 
     /// Puts bytes on the line to the receiver, after those that are still on it.
-    pub(crate) fn feed(&mut self, bytes: &[u8], t: Tick) {
+    ///
+    /// - `bit`: what a bit takes the sender, core cycles.
+    pub(crate) fn feed(&mut self, bytes: &[u8], bit: u64, now: u64) {
         if self.line.is_empty() && !bytes.is_empty() {
-            self.next_in = t.now + self.byte_cycles(t);
+            self.next_in = now + self.bits() * bit;
             self.idle_at = NEVER;
         }
-        self.line.extend(bytes);
+        self.line.extend(bytes.iter().map(|&byte| (byte, bit)));
     }
 
     pub(crate) fn next(&self) -> u64 {
@@ -134,7 +137,7 @@ impl Usart {
             || on(cr1 & 1 << 5 != 0, RXNE | ORE)
             || on(cr1 & 1 << 6 != 0, TC)
             || on(cr1 & 1 << 7 != 0, TXE)
-            || on(cr3 & 1 != 0 && cr3 & DMAR != 0, ORE)
+            || on(cr3 & 1 != 0 && cr3 & DMAR != 0, FE | ORE)
     }
 
     pub(crate) fn wants_read(&self) -> bool {
@@ -145,27 +148,38 @@ impl Usart {
         self.cr[2] & DMAT != 0 && self.sr & TXE != 0 && self.cr[0] & TE != 0
     }
 
+    /// What a bit takes, core cycles.
+    pub(crate) fn bit_cycles(&self, t: Tick) -> u64 {
+        u64::from(self.brr.max(1)) * t.clock
+    }
+
+    /// Whether this is the port's own speed, to what a receiver stands: a thirtieth.
+    pub(crate) fn is_speed(&self, bit: u64, t: Tick) -> bool {
+        30 * bit.abs_diff(self.bit_cycles(t)) <= bit
+    }
+
+    fn bits(&self) -> u64 {
+        if self.cr[0] & 1 << 12 == 0 { 10 } else { 11 }
+    }
+
     fn byte_cycles(&self, t: Tick) -> u64 {
-        let bits = if self.cr[0] & 1 << 12 == 0 { 10 } else { 11 };
-        bits * u64::from(self.brr.max(1)) * t.clock
+        self.bits() * self.bit_cycles(t)
     }
 
     fn arrive(&mut self, t: Tick) {
-        let byte = self.line.pop_front();
+        let Some((byte, bit)) = self.line.pop_front() else { return };
         let listening = self.cr[0] & (UE | RE) == UE | RE;
-        if let (Some(byte), true) = (byte, listening) {
-            if self.sr & RXNE == 0 {
-                self.dr = byte;
-                self.sr |= RXNE;
-            } else {
-                self.sr |= ORE;
-            }
+        if listening && self.sr & RXNE == 0 {
+            let clear = self.is_speed(bit, t);
+            self.dr = if clear { byte } else { !byte };
+            self.sr |= RXNE | if clear { 0 } else { FE };
+        } else if listening {
+            self.sr |= ORE;
         }
-        let later = t.now + self.byte_cycles(t);
-        (self.next_in, self.idle_at) = match (self.line.is_empty(), listening) {
-            (false, _) => (later, NEVER),
-            (true, true) => (NEVER, later),
-            (true, false) => (NEVER, NEVER),
+        (self.next_in, self.idle_at) = match self.line.front() {
+            Some((_, bit)) => (t.now + self.bits() * bit, NEVER),
+            None if listening => (NEVER, t.now + self.byte_cycles(t)),
+            None => (NEVER, NEVER),
         };
     }
 
@@ -187,7 +201,7 @@ mod tests {
         let mut usart = Usart::new();
         usart.write(0x08, 200, t(0));
         usart.write(0x0c, UE | RE | 1 << 4, t(0));
-        usart.feed(&[7, 8], t(0));
+        usart.feed(&[7, 8], 400, 0);
         assert_eq!(usart.next(), 4_000);
         usart.event(t(4_000));
         assert_eq!(usart.read(0x00), Some(TXE | TC | RXNE));
@@ -208,10 +222,24 @@ mod tests {
         let mut usart = Usart::new();
         usart.write(0x08, 1, t(0));
         usart.write(0x0c, UE | RE, t(0));
-        usart.feed(&[1, 2], t(0));
+        usart.feed(&[1, 2], 1, 0);
         usart.event(t(10));
         usart.event(t(20));
         assert_eq!(usart.read(0x00).map(|sr| sr & (ORE | RXNE)), Some(ORE | RXNE));
         assert_eq!(usart.read(0x04), Some(1));
+    }
+    #[test]
+    fn a_byte_at_another_speed_comes_garbled_with_a_framing_error() {
+        let t = |now| Tick { now, clock: 1 };
+        let mut usart = Usart::new();
+        usart.write(0x08, 100, t(0));
+        usart.write(0x0c, UE | RE, t(0));
+        usart.feed(&[7], 103, 0);
+        usart.event(t(1_030));
+        assert_eq!((usart.read(0x00), usart.read(0x04)), (Some(TXE | TC | RXNE), Some(7)));
+        usart.feed(&[7], 300, 2_000);
+        usart.event(t(5_000));
+        assert_eq!((usart.read(0x00), usart.read(0x04)), (Some(TXE | TC | RXNE | FE), Some(0xf8)));
+        assert_eq!(usart.read(0x00), Some(TXE | TC));
     }
 }
