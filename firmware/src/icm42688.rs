@@ -10,7 +10,7 @@
 //! # Source
 //! TDK DS-000347 rev 1.6, "ICM-42688-P datasheet": 4.10 and 14 for the registers, 3.1 and 3.2 for the scales.
 use control_core::GRAVITY_M_S2;
-use control_core::frames::Vec3;
+use control_core::frames::{Body, Vec3};
 use control_core::measurement::Imu;
 use core::f32::consts::PI;
 
@@ -66,14 +66,17 @@ pub fn sample(burst: &[u8; BURST.1], mount: &Mount) -> Option<Imu> {
     if force.contains(&NOTHING) || rate.contains(&NOTHING) {
         return None;
     }
-    let body = |raw: [i16; 3], scale: f32| {
-        let [x, y, z] = mount.map(|(axis, turned)| {
-            let value = f32::from(raw[axis]) * scale;
-            if turned { -value } else { value }
-        });
-        Vec3::new(x, y, z)
-    };
-    Some(Imu { rate_rad_s: body(rate, RATE_RAD_S), specific_force_m_s2: body(force, FORCE_M_S2) })
+    let (rate, force) = (to_body(rate, RATE_RAD_S, mount), to_body(force, FORCE_M_S2, mount));
+    Some(Imu { rate_rad_s: rate, specific_force_m_s2: force })
+}
+
+/// What a part's counts are along the body's axes, by its scale.
+pub fn to_body(raw: [i16; 3], scale: f32, mount: &Mount) -> Vec3<Body> {
+    let [x, y, z] = mount.map(|(axis, turned)| {
+        let value = f32::from(raw[axis]) * scale;
+        if turned { -value } else { value }
+    });
+    Vec3::new(x, y, z)
 }
 
 #[cfg(test)]

@@ -7,13 +7,18 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod atmosphere;
 pub mod battery;
 pub mod crsf;
+pub mod dps310;
 pub mod dshot;
 pub mod flight;
 pub mod icm42688;
 pub mod pace;
 pub mod pilot;
+pub mod pose;
 pub mod pulse;
+pub mod qmc5883l;
 pub mod record;
 pub mod report;
+pub mod ubx;

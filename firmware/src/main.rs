@@ -1,9 +1,9 @@
-//! The flight image: one control task above everything, radio, battery and log below it.
+//! The flight image: one control task above everything, radio, slow sensors and log below it.
 //!
 //! Estimator and autopilot are the core's; what the control task calls between reading and writing is one function that
 //! the host flies too (`control_core::flight`). No motor turns unless the autopilot is armed.
 //!
-//! Only `board/` names pins, timers and interrupts; only `tasks.rs` and `imu.rs` know time; what needs neither is in the
+//! Only `board/` names pins, timers and interrupts; only tasks and `imu.rs` know time; what needs neither is in the
 //! library.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
@@ -14,11 +14,17 @@ mod board;
 #[cfg(target_os = "none")]
 mod fault;
 #[cfg(target_os = "none")]
+mod gnss;
+#[cfg(target_os = "none")]
 mod imu;
 #[cfg(target_os = "none")]
 mod motors;
 #[cfg(target_os = "none")]
+mod sensors;
+#[cfg(target_os = "none")]
 mod tasks;
+#[cfg(target_os = "none")]
+mod vision;
 
 #[cfg(target_os = "none")]
 #[embassy_executor::main]

@@ -3,13 +3,13 @@
 //! The image keeps one in RAM that no reset clears: whoever asks why it fell finds the last step there, and a probe or the
 //! emulator can look while it flies. A record that is being written has an odd sequence number.
 use control_core::flight::{Arrived, Command};
-use control_core::frames::Vec3;
-use control_core::measurement::{Imu, Measurements, Stamped};
+use control_core::frames::{Attitude, Vec3};
+use control_core::measurement::{Gnss, Imu, Measurements, Stamped, Vision};
 use control_core::modes::Mode;
 use control_core::pilot::{PilotInput, Sticks};
 
 /// Words of a record.
-pub const WORDS: usize = 22;
+pub const WORDS: usize = 52;
 /// Bits of the first word: which of the optional parts are there, and facts.
 const HAS_IMU: u32 = 1;
 const HAS_BATTERY: u32 = 1 << 1;
@@ -19,8 +19,13 @@ const LATE: u32 = 1 << 4;
 const TESTED: u32 = 1 << 5;
 const ARM: u32 = 1 << 6;
 const VALID: u32 = 1 << 7;
+const HAS_BARO: u32 = 1 << 8;
+const HAS_FIELD: u32 = 1 << 9;
+const HAS_GNSS: u32 = 1 << 10;
+const FIXED: u32 = 1 << 11;
+const HAS_VISION: u32 = 1 << 12;
 /// From here on, the pilot's mode by its place in [`Mode::ALL`].
-const MODE_SHIFT: u32 = 8;
+const MODE_SHIFT: u32 = 16;
 
 /// One step.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,7 +34,7 @@ pub struct Record {
     pub step: u32,
     /// When, µs since boot. The time of the inertial sample is the same.
     pub time_us: u64,
-    /// What the step was given. Of the measurements, the inertial sample and the battery; nobody speaks offboard.
+    /// What the step was given. Of the measurements, those that the image has sensors for; nobody speaks offboard.
     pub arrived: Arrived,
     /// What it decided.
     pub command: Command,
@@ -39,7 +44,7 @@ impl Record {
     /// The record in words, without its sequence number.
     pub fn to_words(&self) -> [u32; WORDS] {
         let Arrived { measurements, pilot, offboard: _, late, self_test_passed, parameters_valid } = self.arrived;
-        let Measurements { imu, battery_v, .. } = measurements;
+        let Measurements { imu, battery_v, baro_altitude_m, magnetic_ut, gnss, vision, .. } = measurements;
         let mut words = [0; WORDS];
         let bit = |on: bool, bit: u32| if on { bit } else { 0 };
         words[0] = bit(imu.is_some(), HAS_IMU) | bit(late, LATE) | bit(self_test_passed, TESTED);
@@ -63,17 +68,38 @@ impl Record {
             put(&mut words[16..20], &[s.right, s.forward, s.clockwise, s.throttle]);
             words[20] = self.age_us(time_us);
         }
+        if let Some(Stamped { time_us, value }) = baro_altitude_m {
+            words[0] |= HAS_BARO;
+            [words[21], words[22]] = [value.to_bits(), self.age_us(time_us)];
+        }
+        if let Some(Stamped { time_us, value: b }) = magnetic_ut {
+            words[0] |= HAS_FIELD;
+            put(&mut words[23..26], &[b.x, b.y, b.z]);
+            words[26] = self.age_us(time_us);
+        }
+        if let Some(Stamped { time_us, value: g }) = gnss {
+            let (p, v) = (g.position_m, g.velocity_m_s);
+            words[0] |= HAS_GNSS | bit(g.fixed, FIXED);
+            put(&mut words[27..36], &[p.x, p.y, p.z, v.x, v.y, v.z, g.horizontal_m, g.vertical_m, g.speed_m_s]);
+            words[36] = self.age_us(time_us);
+        }
+        if let Some(Stamped { time_us, value: v }) = vision {
+            let p = v.position_m;
+            words[0] |= HAS_VISION;
+            put(&mut words[37..42], &[p.x, p.y, p.z, v.position_sigma_m, v.attitude_sigma_rad]);
+            put(&mut words[42..51], v.attitude.rows.as_flattened());
+            words[51] = self.age_us(time_us);
+        }
         words
     }
 
     /// The record that these words are.
     pub fn from_words(words: &[u32; WORDS]) -> Self {
         let float = |n: usize| f32::from_bits(words[n]);
-        let three = |n: usize| Vec3::new(float(n), float(n + 1), float(n + 2));
         let has = |bit: u32| words[0] & bit != 0;
         let time_us = u64::from(words[3]) << 32 | u64::from(words[2]);
         let before = |age: usize| time_us.saturating_sub(words[age].into());
-        let imu = Imu { rate_rad_s: three(4), specific_force_m_s2: three(7) };
+        let imu = Imu { rate_rad_s: three(words, 4), specific_force_m_s2: three(words, 7) };
         let pilot = PilotInput {
             sticks: Sticks { right: float(16), forward: float(17), clockwise: float(18), throttle: float(19) },
             arm: has(ARM),
@@ -82,6 +108,28 @@ impl Record {
         let measurements = Measurements {
             imu: has(HAS_IMU).then_some(Stamped { time_us, value: imu }),
             battery_v: has(HAS_BATTERY).then(|| Stamped { time_us: before(11), value: float(10) }),
+            baro_altitude_m: has(HAS_BARO).then(|| Stamped { time_us: before(22), value: float(21) }),
+            magnetic_ut: has(HAS_FIELD).then(|| Stamped { time_us: before(26), value: three(words, 23) }),
+            gnss: has(HAS_GNSS).then(|| Stamped {
+                time_us: before(36),
+                value: Gnss {
+                    position_m: three(words, 27),
+                    velocity_m_s: three(words, 30),
+                    horizontal_m: float(33),
+                    vertical_m: float(34),
+                    speed_m_s: float(35),
+                    fixed: has(FIXED),
+                },
+            }),
+            vision: has(HAS_VISION).then(|| Stamped {
+                time_us: before(51),
+                value: Vision {
+                    position_m: three(words, 37),
+                    attitude: Attitude { rows: [42, 45, 48].map(|n| [n, n + 1, n + 2].map(float)) },
+                    position_sigma_m: float(40),
+                    attitude_sigma_rad: float(41),
+                },
+            }),
             ..Measurements::default()
         };
         Self {
@@ -105,6 +153,11 @@ impl Record {
     }
 }
 
+fn three<F: Copy>(words: &[u32; WORDS], at: usize) -> Vec3<F> {
+    let [x, y, z] = [at, at + 1, at + 2].map(|n| f32::from_bits(words[n]));
+    Vec3::new(x, y, z)
+}
+
 fn put(words: &mut [u32], values: &[f32]) {
     for (word, value) in words.iter_mut().zip(values) {
         *word = value.to_bits();
@@ -122,11 +175,29 @@ mod tests {
         let imu = Imu { rate_rad_s: Vec3::new(0.1, -0.2, 0.3), specific_force_m_s2: Vec3::new(1.0, 2.0, -9.8) };
         let sticks = Sticks { right: 0.1, forward: -0.2, clockwise: 0.3, throttle: 0.4 };
         let pilot = PilotInput { sticks, arm: true, mode: Mode::Return };
+        let gnss = Gnss {
+            position_m: Vec3::new(1.0, -2.0, 3.0),
+            velocity_m_s: Vec3::new(-0.1, 0.2, -0.3),
+            horizontal_m: 1.3,
+            vertical_m: 1.9,
+            speed_m_s: 0.05,
+            fixed: true,
+        };
+        let vision = Vision {
+            position_m: Vec3::new(0.5, 0.6, 0.7),
+            attitude: Attitude { rows: [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]] },
+            position_sigma_m: 0.001,
+            attitude_sigma_rad: 0.002,
+        };
         let full = Record {
             arrived: Arrived {
                 measurements: Measurements {
                     imu: Some(Stamped { time_us, value: imu }),
                     battery_v: Some(Stamped { time_us: time_us - 400, value: 16.1 }),
+                    baro_altitude_m: Some(Stamped { time_us: time_us - 14_000, value: 1.25 }),
+                    magnetic_ut: Some(Stamped { time_us: time_us - 5_000, value: Vec3::new(20.0, -1.0, 43.0) }),
+                    gnss: Some(Stamped { time_us: time_us - 129_000, value: gnss }),
+                    vision: Some(Stamped { time_us: time_us - 10_500, value: vision }),
                     ..Measurements::default()
                 },
                 pilot: Some(Stamped { time_us: time_us - 12_345, value: pilot }),

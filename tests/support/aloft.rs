@@ -2,6 +2,8 @@
 //!
 //! Noise is white, of about the part's size. A rotor's thrust grows with the square of what its controller is told.
 use crate::motion::Noise;
+use control_core::frames::Vec3;
+use nalgebra::Vector3;
 use sim_host::actuators::Drive;
 use sim_host::emulator::{Answer, Emulator, Mishap, Motion};
 use sim_host::ground::Ground;
@@ -18,6 +20,10 @@ const VALUES: [f64; 2] = [48.0, 2_047.0];
 /// Noise of a sample, 1 σ.
 const RATE_RAD_S: f64 = 2e-3;
 const FORCE_M_S2: f64 = 0.03;
+const PRESSURE_PA: f64 = 0.5;
+const FIELD_UT: f64 = 0.2;
+/// The earth's field, north, east, down, µT.
+const EARTH_UT: [f64; 3] = [20.0, 0.0, 43.0];
 
 /// What the pilot's hands do: roll, pitch and yaw −1 to 1, throttle 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -93,6 +99,12 @@ impl Aloft {
             rate_rad_s: noisy(truth.rate_rad_s.into(), self.noise.normals(RATE_RAD_S)),
         };
         self.emulator.move_body(&motion);
+        let [noise_pa, _, _] = self.noise.normals(PRESSURE_PA);
+        let pressure_pa = 101_325.0 * (1.0 - truth.altitude_m() * 0.0065 / 288.15).powf(5.255_88);
+        self.emulator.set_air((pressure_pa + noise_pa) as f32, 20.0);
+        let field_ut =
+            noisy((truth.attitude.transpose() * Vector3::from(EARTH_UT)).into(), self.noise.normals(FIELD_UT));
+        self.emulator.set_field(Vec3::new(field_ut[0], field_ut[1], field_ut[2]));
         self.answer = self.emulator.period().expect("the image runs");
         for (drive, told) in self.actuation.drives.iter_mut().zip(self.answer.told) {
             let speed = told.filter(|&told| told > 0).map_or(0.0, |told| {

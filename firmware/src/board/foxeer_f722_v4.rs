@@ -7,6 +7,9 @@
 //! | ICM-42688-P      | PB2, PA5 … PA7           | SPI1; DMA2 streams 0 and 3                          |
 //! | its data ready   | PC4                      | EXTI4                                               |
 //! | radio receiver   | PA3                      | USART2; DMA1 stream 5                               |
+//! | DPS310, magnetometer | PB8, PB9             | I2C1; DMA1 streams 7 and 0                          |
+//! | GNSS receiver    | PA0, PA1                 | UART4; DMA1 streams 4 and 2                         |
+//! | vision           | PB11                     | USART3; DMA1 stream 1                               |
 //! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11                     |
 //! | status LED       | PC15, low is on          | GPIO                                                |
 //! | crystal          | 8 MHz                    | PLL, 216 MHz                                        |
@@ -18,25 +21,30 @@
 //!
 //! # Source
 //! Betaflight's `configs/FOXEERF722V4/config.h`, repository `betaflight/config`: MOTOR1_PIN to MOTOR4_PIN, GYRO_1_*,
-//! UART2_RX_PIN, ADC_VBAT_PIN, LED0_PIN, GYRO_1_ALIGN. It names no port for the receiver; the second is taken. Crystal and
-//! divider are Betaflight's defaults, which the file leaves. Boards sold with an MPU-6000 in the same place are not driven.
+//! UART2_RX_PIN, I2C1_*, BARO_I2C_INSTANCE and MAG_I2C_INSTANCE, UART4_*, UART3_RX_PIN, ADC_VBAT_PIN, LED0_PIN,
+//! GYRO_1_ALIGN. It names no ports for receivers and vision: which are taken is ours. Crystal and divider are Betaflight's
+//! defaults, which the file leaves. Boards sold with an MPU-6000 or a BMP280 in the same places are not driven.
 use embassy_stm32::adc::{Adc, AdcChannel, SampleTime};
 use embassy_stm32::exti::{self, ExtiInput};
 use embassy_stm32::gpio::{AnyPin, Level, Output, OutputType, Pull, Speed};
-use embassy_stm32::peripherals::{DMA1_CH5, DMA2_CH0, DMA2_CH1, DMA2_CH3, DMA2_CH5, IWDG, TIM1, TIM8, USART2};
+use embassy_stm32::i2c::{self, I2c};
+use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH1, DMA1_CH2, DMA1_CH4, DMA1_CH5, DMA1_CH7};
+use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH1, DMA2_CH3, DMA2_CH5};
+use embassy_stm32::peripherals::{I2C1, IWDG, PB8, PB9, TIM1, TIM8, UART4, USART2, USART3};
 use embassy_stm32::spi::Spi;
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::Channel::{Ch1, Ch2, Ch3, Ch4};
 use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
-use embassy_stm32::usart::{self, UartRx};
+use embassy_stm32::usart::{self, Uart, UartRx};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, interrupt, pac, rcc};
-use firmware::dshot;
 use firmware::icm42688::Mount;
+use firmware::{crsf, dshot, pose, ubx};
 
 use super::bank::Bank;
-use super::{Battery, Board, RadioBuffer, WATCHDOG_US, control_executor, imu_bus_config, radio_config};
+use super::{Battery, Board, Buffers, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensor_bus};
+use crate::gnss;
 use crate::motors::Protocol;
 
 /// The board's name, for the log.
@@ -58,13 +66,24 @@ pub(super) type WatchdogUnit = IWDG;
 
 bind_interrupts!(pub(crate) struct Irqs {
     EXTI4 => exti::InterruptHandler<interrupt::typelevel::EXTI4>;
+    I2C1_EV => i2c::EventInterruptHandler<I2C1>;
+    I2C1_ER => i2c::ErrorInterruptHandler<I2C1>;
+    UART4 => usart::InterruptHandler<UART4>;
     USART2 => usart::InterruptHandler<USART2>;
+    USART3 => usart::InterruptHandler<USART3>;
+    DMA1_STREAM0 => dma::InterruptHandler<DMA1_CH0>;
+    DMA1_STREAM1 => dma::InterruptHandler<DMA1_CH1>;
+    DMA1_STREAM2 => dma::InterruptHandler<DMA1_CH2>;
+    DMA1_STREAM4 => dma::InterruptHandler<DMA1_CH4>;
     DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
+    DMA1_STREAM7 => dma::InterruptHandler<DMA1_CH7>;
     DMA2_STREAM0 => dma::InterruptHandler<DMA2_CH0>;
     DMA2_STREAM1 => dma::InterruptHandler<DMA2_CH1>;
     DMA2_STREAM3 => dma::InterruptHandler<DMA2_CH3>;
     DMA2_STREAM5 => dma::InterruptHandler<DMA2_CH5>;
 });
+
+sensor_bus!(I2C1, PB8, PB9, DMA1_CH7, DMA1_CH0);
 
 /// The motors' lines.
 pub(crate) struct MotorPins {
@@ -98,8 +117,8 @@ impl MotorPins {
 
 /// Claims every peripheral once and leaves the motor lines low.
 ///
-/// - `radio`: where the radio receiver's bytes wait.
-pub(crate) fn init(radio: &'static mut RadioBuffer) -> Board {
+/// - `buffers`: where bytes that come over lines wait.
+pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
     let p = embassy_stm32::init(clocks());
     start_core_extras();
     freeze_motor_timers_in_debug();
@@ -110,6 +129,7 @@ pub(crate) fn init(radio: &'static mut RadioBuffer) -> Board {
     let (rate, up) = (Hertz(PROTOCOL.timer_hz()), CountingMode::EdgeAlignedUp);
     let first = SimplePwm::new(p.TIM1, Some(m2), Some(m1), None, None, rate, up);
     let second = SimplePwm::new(p.TIM8, None, None, Some(m4), Some(m3), rate, up);
+    let gnss = Uart::new(p.UART4, p.PA1, p.PA0, p.DMA1_CH4, p.DMA1_CH2, Irqs, line_config(ubx::BAUD));
     Board {
         motors: MotorPins {
             first: Bank { timer: first, dma: p.DMA2_CH5, channels: [Ch1, Ch2] },
@@ -118,9 +138,14 @@ pub(crate) fn init(radio: &'static mut RadioBuffer) -> Board {
         imu_bus: Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA2_CH3, p.DMA2_CH0, Irqs, imu_bus_config()),
         imu_select: Output::new(p.PB2, Level::High, Speed::VeryHigh),
         imu_ready: ExtiInput::new(p.PC4, p.EXTI4, Pull::Down, Irqs),
-        radio: UartRx::new(p.USART2, p.PA3, p.DMA1_CH5, Irqs, radio_config())
+        radio: UartRx::new(p.USART2, p.PA3, p.DMA1_CH5, Irqs, line_config(crsf::BAUD))
             .expect("the baud rate is within the port's range")
-            .into_ring_buffered(radio),
+            .into_ring_buffered(&mut buffers.radio),
+        sensors: SensorPins { i2c: p.I2C1, clock: p.PB8, data: p.PB9, to: p.DMA1_CH7, from: p.DMA1_CH0 },
+        gnss: gnss::Port::new(gnss.expect("the baud rate is within the port's range"), &mut buffers.gnss),
+        vision: UartRx::new(p.USART3, p.PB11, p.DMA1_CH1, Irqs, line_config(pose::BAUD))
+            .expect("the baud rate is within the port's range")
+            .into_ring_buffered(&mut buffers.vision),
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PC15, Level::High, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG, WATCHDOG_US),

@@ -8,14 +8,16 @@ use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, AnyAdcChannel};
 use embassy_stm32::exti::ExtiInput;
 use embassy_stm32::gpio::{AnyPin, Level, Output, Speed};
+use embassy_stm32::i2c;
 use embassy_stm32::mode::Async;
 use embassy_stm32::peripherals::ADC1;
 use embassy_stm32::spi::{self, Spi};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, RingBufferedUartRx};
 use embassy_stm32::wdg::IndependentWatchdog;
-use firmware::crsf;
-use firmware::icm42688::SPI_HZ_MAX;
+use firmware::icm42688::{Mount, SPI_HZ_MAX};
+
+use crate::gnss;
 
 mod bank;
 
@@ -34,13 +36,16 @@ use orbit_h743 as chosen;
 use speedybee_f405_v4 as chosen;
 
 pub(crate) use chosen::{
-    BATTERY_DIVIDER, IMU_MOUNT, MotorPins, NAME, PROTOCOL, STATUS_ON, init, start_control_executor,
+    BATTERY_DIVIDER, IMU_MOUNT, MotorPins, NAME, PROTOCOL, STATUS_ON, SensorBus, SensorPins, init,
+    start_control_executor,
 };
 
 /// Time without a step that was done in time after which the watchdog resets the chip, µs.
 const WATCHDOG_US: u32 = 20_000;
-/// Bytes of the radio receiver that may wait: eight frames.
-const RADIO_BYTES: usize = 208;
+/// Speed of the slow sensors' bus, bits a second.
+const SENSORS_HZ: u32 = 400_000;
+/// A magnetometer, which a builder adds, has its arrow forward and its chip up.
+pub(crate) const MAG_MOUNT: Mount = [(0, false), (1, true), (2, true)];
 
 /// Parts the application is allowed to hold.
 pub(crate) struct Board {
@@ -54,6 +59,12 @@ pub(crate) struct Board {
     pub(crate) imu_ready: ImuReady,
     /// The radio receiver's line.
     pub(crate) radio: Radio,
+    /// The slow sensors' bus.
+    pub(crate) sensors: SensorPins,
+    /// The satellite receiver's line.
+    pub(crate) gnss: gnss::Port,
+    /// The line of whoever sees the machine from outside.
+    pub(crate) vision: RingBufferedUartRx<'static>,
     /// The battery's voltage.
     pub(crate) battery: Battery,
     /// The status LED.
@@ -74,10 +85,19 @@ pub(crate) type ImuReady = ExtiInput<'static, Async>;
 pub(crate) type Radio = RingBufferedUartRx<'static>;
 /// The status LED.
 pub(crate) type Status = Output<'static>;
-/// Where the radio receiver's bytes wait.
-pub(crate) type RadioBuffer = [u8; RADIO_BYTES];
-/// An empty one.
-pub(crate) const RADIO_BUFFER: RadioBuffer = [0; RADIO_BYTES];
+
+/// Where bytes that come over lines wait until their task reads them.
+pub(crate) struct Buffers {
+    /// Of the radio receiver: eight frames.
+    radio: [u8; 208],
+    /// Of the satellite receiver: two fixes, 22 ms.
+    gnss: [u8; 256],
+    /// Of external vision: six poses, 3 ms.
+    vision: [u8; 256],
+}
+
+/// Empty ones.
+pub(crate) const BUFFERS: Buffers = Buffers { radio: [0; 208], gnss: [0; 256], vision: [0; 256] };
 
 /// The battery's channel of the converter.
 pub(crate) struct Battery {
@@ -99,11 +119,18 @@ fn imu_bus_config() -> spi::Config {
     bus
 }
 
-/// How the radio receiver's line is read.
-fn radio_config() -> usart::Config {
+/// How a line is read at a speed, bits a second.
+fn line_config(baud: u32) -> usart::Config {
     let mut line = usart::Config::default();
-    line.baudrate = crsf::BAUD;
+    line.baudrate = baud;
     line
+}
+
+/// How the slow sensors' bus is driven.
+fn sensors_config() -> i2c::Config {
+    let mut bus = i2c::Config::default();
+    bus.frequency = Hertz(SENSORS_HZ);
+    bus
 }
 
 /// Takes the motor lines from their timers and holds them low, whatever the program was doing; speed controllers stop
@@ -136,3 +163,32 @@ macro_rules! control_executor {
     };
 }
 use control_executor;
+
+/// The slow sensors' bus, by interrupts and DMA: the peripheral, its pins, and the streams to and from it.
+#[cfg(not(feature = "orbit-h743"))]
+macro_rules! sensor_bus {
+    ($i2c:ident, $clock:ident, $data:ident, $to:ident, $from:ident) => {
+        /// The slow sensors' bus, open.
+        pub(crate) type SensorBus<'a> = I2c<'a, embassy_stm32::mode::Async, i2c::mode::Master>;
+
+        /// What the slow sensors' bus is made of.
+        pub(crate) struct SensorPins {
+            i2c: Peri<'static, $i2c>,
+            clock: Peri<'static, $clock>,
+            data: Peri<'static, $data>,
+            to: Peri<'static, $to>,
+            from: Peri<'static, $from>,
+        }
+
+        impl SensorPins {
+            /// Resets the bus and opens it.
+            pub(crate) fn open(&mut self) -> SensorBus<'_> {
+                let Self { i2c, clock, data, to, from } = self;
+                let (i2c, config) = (i2c.reborrow(), super::sensors_config());
+                I2c::new(i2c, clock.reborrow(), data.reborrow(), to.reborrow(), from.reborrow(), Irqs, config)
+            }
+        }
+    };
+}
+#[cfg(not(feature = "orbit-h743"))]
+use sensor_bus;

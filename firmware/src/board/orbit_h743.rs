@@ -6,6 +6,9 @@
 //! | ICM-42688-P      | PE11, PA5 … PA7          | SPI1; DMA2 streams 0 and 3                          |
 //! | its data ready   | PC4                      | EXTI4                                               |
 //! | radio receiver   | PD6                      | USART2; DMA1 stream 5                               |
+//! | DPS310, magnetometer | PD12, PD13           | I2C4, which DMA1 and DMA2 do not serve              |
+//! | GNSS receiver    | PC6, PC7                 | USART6; DMA1 streams 0 and 1                        |
+//! | vision           | PE7                      | UART7; DMA1 stream 2                                |
 //! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11                     |
 //! | status LED       | PE3, low is on           | GPIO                                                |
 //! | crystal          | 8 MHz                    | PLL, 400 MHz                                        |
@@ -17,24 +20,31 @@
 //!
 //! # Source
 //! Betaflight's `configs/ORBITH743/config.h`, repository `betaflight/config`: MOTOR1_PIN to MOTOR4_PIN, GYRO_1_*,
-//! UART2_RX_PIN, ADC_VBAT_PIN, LED0_PIN. It names no port for the receiver; the second is taken. Crystal and divider are
-//! Betaflight's defaults, which the file leaves.
+//! UART2_RX_PIN, I2C4_*, BARO_I2C_INSTANCE, UART6_*, UART7_RX_PIN, ADC_VBAT_PIN, LED0_PIN. It names no ports for receivers
+//! and vision: which are taken is ours. Crystal and divider are Betaflight's defaults, which the file leaves.
+use embassy_embedded_hal::adapter::BlockingAsync;
 use embassy_stm32::adc::{Adc, AdcChannel, SampleTime};
 use embassy_stm32::exti::{self, ExtiInput};
 use embassy_stm32::gpio::{AnyPin, Level, Output, OutputType, Pull, Speed};
-use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, DMA2_CH0, DMA2_CH3, IWDG1, TIM4, USART2};
+use embassy_stm32::i2c::{self, I2c};
+use embassy_stm32::mode::Blocking;
+use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH1, DMA1_CH2, DMA1_CH5, DMA1_CH6, DMA2_CH0, DMA2_CH3};
+use embassy_stm32::peripherals::{I2C4, IWDG1, PD12, PD13, TIM4, UART7, USART2, USART6};
 use embassy_stm32::spi::Spi;
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::Channel::{Ch1, Ch2, Ch3, Ch4};
 use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
-use embassy_stm32::usart::{self, UartRx};
+use embassy_stm32::usart::{self, Uart, UartRx};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, interrupt, pac, rcc};
+use embassy_time::Duration;
 use firmware::icm42688::Mount;
+use firmware::{crsf, pose, ubx};
 
 use super::bank::Bank;
-use super::{Battery, Board, RadioBuffer, WATCHDOG_US, control_executor, imu_bus_config, radio_config};
+use super::{Battery, Board, Buffers, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensors_config};
+use crate::gnss;
 use crate::motors::Protocol;
 
 /// The board's name, for the log.
@@ -56,20 +66,48 @@ pub(super) type WatchdogUnit = IWDG1;
 
 bind_interrupts!(pub(crate) struct Irqs {
     EXTI4 => exti::InterruptHandler<interrupt::typelevel::EXTI4>;
+    UART7 => usart::InterruptHandler<UART7>;
     USART2 => usart::InterruptHandler<USART2>;
+    USART6 => usart::InterruptHandler<USART6>;
+    DMA1_STREAM0 => dma::InterruptHandler<DMA1_CH0>;
+    DMA1_STREAM1 => dma::InterruptHandler<DMA1_CH1>;
+    DMA1_STREAM2 => dma::InterruptHandler<DMA1_CH2>;
     DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
     DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
     DMA2_STREAM0 => dma::InterruptHandler<DMA2_CH0>;
     DMA2_STREAM3 => dma::InterruptHandler<DMA2_CH3>;
 });
 
+/// How long a transfer on the slow sensors' bus may hold up what runs below control.
+const TRANSFER: Duration = Duration::from_millis(2);
+
+/// The slow sensors' bus, open.
+pub(crate) type SensorBus<'a> = BlockingAsync<I2c<'a, Blocking, i2c::mode::Master>>;
+
+/// What the slow sensors' bus is made of.
+pub(crate) struct SensorPins {
+    i2c: Peri<'static, I2C4>,
+    clock: Peri<'static, PD12>,
+    data: Peri<'static, PD13>,
+}
+
+impl SensorPins {
+    /// Resets the bus and opens it.
+    pub(crate) fn open(&mut self) -> SensorBus<'_> {
+        let mut config = sensors_config();
+        config.timeout = TRANSFER;
+        let Self { i2c, clock, data } = self;
+        BlockingAsync::new(I2c::new_blocking(i2c.reborrow(), clock.reborrow(), data.reborrow(), config))
+    }
+}
+
 /// The motors' lines.
 pub(crate) type MotorPins = Bank<TIM4, DMA1_CH6, 4>;
 
 /// Claims every peripheral once and leaves the motor lines low.
 ///
-/// - `radio`: where the radio receiver's bytes wait.
-pub(crate) fn init(radio: &'static mut RadioBuffer) -> Board {
+/// - `buffers`: where bytes that come over lines wait.
+pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
     let p = embassy_stm32::init(clocks());
     start_core_extras();
     freeze_motor_timer_in_debug();
@@ -79,14 +117,20 @@ pub(crate) fn init(radio: &'static mut RadioBuffer) -> Board {
     let (m3, m4) = (PwmPin::new(p.PB8, push), PwmPin::new(p.PB9, push));
     let (rate, up) = (Hertz(PROTOCOL.timer_hz()), CountingMode::EdgeAlignedUp);
     let timer = SimplePwm::new(p.TIM4, Some(m1), Some(m2), Some(m3), Some(m4), rate, up);
+    let gnss = Uart::new(p.USART6, p.PC7, p.PC6, p.DMA1_CH0, p.DMA1_CH1, Irqs, line_config(ubx::BAUD));
     Board {
         motors: Bank { timer, dma: p.DMA1_CH6, channels: [Ch1, Ch2, Ch3, Ch4] },
         imu_bus: Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA2_CH3, p.DMA2_CH0, Irqs, imu_bus_config()),
         imu_select: Output::new(p.PE11, Level::High, Speed::VeryHigh),
         imu_ready: ExtiInput::new(p.PC4, p.EXTI4, Pull::Down, Irqs),
-        radio: UartRx::new(p.USART2, p.PD6, p.DMA1_CH5, Irqs, radio_config())
+        radio: UartRx::new(p.USART2, p.PD6, p.DMA1_CH5, Irqs, line_config(crsf::BAUD))
             .expect("the baud rate is within the port's range")
-            .into_ring_buffered(radio),
+            .into_ring_buffered(&mut buffers.radio),
+        sensors: SensorPins { i2c: p.I2C4, clock: p.PD12, data: p.PD13 },
+        gnss: gnss::Port::new(gnss.expect("the baud rate is within the port's range"), &mut buffers.gnss),
+        vision: UartRx::new(p.UART7, p.PE7, p.DMA1_CH2, Irqs, line_config(pose::BAUD))
+            .expect("the baud rate is within the port's range")
+            .into_ring_buffered(&mut buffers.vision),
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PE3, Level::High, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG1, WATCHDOG_US),

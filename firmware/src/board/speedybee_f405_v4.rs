@@ -8,6 +8,9 @@
 //! | ICM-42688-P      | PA4 … PA7                | SPI1; DMA2 streams 0 and 3                          |
 //! | its data ready   | PC4                      | EXTI4                                               |
 //! | radio receiver   | PA3                      | USART2; DMA1 stream 5                               |
+//! | DPS310 or SPL06, magnetometer | PB8, PB9    | I2C1; DMA1 streams 7 and 0                          |
+//! | GNSS receiver    | PC6, PC7                 | USART6; DMA2 streams 6 and 1                        |
+//! | vision           | PA10                     | USART1; DMA2 stream 2                               |
 //! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11                     |
 //! | status LED       | PC13, low is on          | GPIO                                                |
 //! | crystal          | 8 MHz                    | PLL, 168 MHz                                        |
@@ -17,25 +20,30 @@
 //!
 //! # Source
 //! Betaflight's `configs/SPEEDYBEEF405V4/config.h`, repository `betaflight/config`: MOTOR1_PIN to MOTOR4_PIN,
-//! GYRO_1_*, UART2_RX_PIN and SERIALRX_UART, ADC_VBAT_PIN, LED0_PIN, SYSTEM_HSE_MHZ, GYRO_1_ALIGN. The divider is
-//! Betaflight's default scale, 110, which the file leaves.
+//! GYRO_1_*, UART2_RX_PIN and SERIALRX_UART, I2C1_*, BARO_I2C_INSTANCE and MAG_I2C_INSTANCE, UART6_*, UART1_RX_PIN,
+//! ADC_VBAT_PIN, LED0_PIN, SYSTEM_HSE_MHZ, GYRO_1_ALIGN. The divider is Betaflight's default scale, 110, which the file leaves;
+//! which of the free ports is for what is ours.
 use embassy_stm32::adc::{Adc, AdcChannel, SampleTime};
 use embassy_stm32::exti::{self, ExtiInput};
 use embassy_stm32::gpio::{AnyPin, Level, Output, OutputType, Pull, Speed};
-use embassy_stm32::peripherals::{DMA1_CH2, DMA1_CH5, DMA1_CH6, DMA2_CH0, DMA2_CH3, IWDG, TIM3, TIM4, USART2};
+use embassy_stm32::i2c::{self, I2c};
+use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH2, DMA1_CH5, DMA1_CH6, DMA1_CH7};
+use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH1, DMA2_CH2, DMA2_CH3, DMA2_CH6};
+use embassy_stm32::peripherals::{I2C1, IWDG, PB8, PB9, TIM3, TIM4, USART1, USART2, USART6};
 use embassy_stm32::spi::Spi;
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::Channel::{Ch1, Ch2, Ch3, Ch4};
 use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
-use embassy_stm32::usart::{self, UartRx};
+use embassy_stm32::usart::{self, Uart, UartRx};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, interrupt, pac, rcc};
-use firmware::dshot;
 use firmware::icm42688::Mount;
+use firmware::{crsf, dshot, pose, ubx};
 
 use super::bank::Bank;
-use super::{Battery, Board, RadioBuffer, WATCHDOG_US, control_executor, imu_bus_config, radio_config};
+use super::{Battery, Board, Buffers, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensor_bus};
+use crate::gnss;
 use crate::motors::Protocol;
 
 /// The board's name, for the log.
@@ -57,13 +65,24 @@ pub(super) type WatchdogUnit = IWDG;
 
 bind_interrupts!(pub(crate) struct Irqs {
     EXTI4 => exti::InterruptHandler<interrupt::typelevel::EXTI4>;
+    I2C1_EV => i2c::EventInterruptHandler<I2C1>;
+    I2C1_ER => i2c::ErrorInterruptHandler<I2C1>;
+    USART1 => usart::InterruptHandler<USART1>;
     USART2 => usart::InterruptHandler<USART2>;
+    USART6 => usart::InterruptHandler<USART6>;
+    DMA1_STREAM0 => dma::InterruptHandler<DMA1_CH0>;
     DMA1_STREAM2 => dma::InterruptHandler<DMA1_CH2>;
     DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
     DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
+    DMA1_STREAM7 => dma::InterruptHandler<DMA1_CH7>;
     DMA2_STREAM0 => dma::InterruptHandler<DMA2_CH0>;
+    DMA2_STREAM1 => dma::InterruptHandler<DMA2_CH1>;
+    DMA2_STREAM2 => dma::InterruptHandler<DMA2_CH2>;
     DMA2_STREAM3 => dma::InterruptHandler<DMA2_CH3>;
+    DMA2_STREAM6 => dma::InterruptHandler<DMA2_CH6>;
 });
+
+sensor_bus!(I2C1, PB8, PB9, DMA1_CH7, DMA1_CH0);
 
 /// The motors' lines.
 pub(crate) struct MotorPins {
@@ -97,8 +116,8 @@ impl MotorPins {
 
 /// Claims every peripheral once and leaves the motor lines low.
 ///
-/// - `radio`: where the radio receiver's bytes wait.
-pub(crate) fn init(radio: &'static mut RadioBuffer) -> Board {
+/// - `buffers`: where bytes that come over lines wait.
+pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
     let p = embassy_stm32::init(clocks());
     enable_flash_caches();
     freeze_motor_timers_in_debug();
@@ -109,6 +128,7 @@ pub(crate) fn init(radio: &'static mut RadioBuffer) -> Board {
     let (rate, up) = (Hertz(PROTOCOL.timer_hz()), CountingMode::EdgeAlignedUp);
     let first = SimplePwm::new(p.TIM4, Some(m1), Some(m2), None, None, rate, up);
     let second = SimplePwm::new(p.TIM3, None, None, Some(m3), Some(m4), rate, up);
+    let gnss = Uart::new(p.USART6, p.PC7, p.PC6, p.DMA2_CH6, p.DMA2_CH1, Irqs, line_config(ubx::BAUD));
     Board {
         motors: MotorPins {
             first: Bank { timer: first, dma: p.DMA1_CH6, channels: [Ch1, Ch2] },
@@ -117,9 +137,14 @@ pub(crate) fn init(radio: &'static mut RadioBuffer) -> Board {
         imu_bus: Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA2_CH3, p.DMA2_CH0, Irqs, imu_bus_config()),
         imu_select: Output::new(p.PA4, Level::High, Speed::VeryHigh),
         imu_ready: ExtiInput::new(p.PC4, p.EXTI4, Pull::Down, Irqs),
-        radio: UartRx::new(p.USART2, p.PA3, p.DMA1_CH5, Irqs, radio_config())
+        radio: UartRx::new(p.USART2, p.PA3, p.DMA1_CH5, Irqs, line_config(crsf::BAUD))
             .expect("the baud rate is within the port's range")
-            .into_ring_buffered(radio),
+            .into_ring_buffered(&mut buffers.radio),
+        sensors: SensorPins { i2c: p.I2C1, clock: p.PB8, data: p.PB9, to: p.DMA1_CH7, from: p.DMA1_CH0 },
+        gnss: gnss::Port::new(gnss.expect("the baud rate is within the port's range"), &mut buffers.gnss),
+        vision: UartRx::new(p.USART1, p.PA10, p.DMA2_CH2, Irqs, line_config(pose::BAUD))
+            .expect("the baud rate is within the port's range")
+            .into_ring_buffered(&mut buffers.vision),
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PC13, Level::High, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG, WATCHDOG_US),
