@@ -44,6 +44,7 @@ mod suite;
 mod vision;
 
 pub use account::Account;
+pub(crate) use air::pressure_pa;
 pub use keys::{BatteryKeys, Each, EarthKeys, RotorSpeedPart, SensorKeys, SkyKeys};
 pub use parts::{BaroPart, FlowPart, GnssPart, ImuPart, MagPart, RangePart, VisionPart};
 pub use suite::{Carrier, SensorSuite};

@@ -13,8 +13,9 @@ use crate::emulator::{Answer, Emulator, EmulatorError};
 use crate::flight::{Ending, Flight, Sample};
 use crate::machine::{Machine, Moment};
 use crate::metrics::{Flown, measured};
-use crate::sensors::{SensorSuite, World};
+use crate::sensors::{SensorKeys, SensorSuite, World};
 use crate::sortie::Outside;
+use control_core::geodesy::GeodesyError;
 use said::Said;
 use std::time::Instant;
 use twin::Twin;
@@ -38,6 +39,9 @@ pub enum ThroughError {
     /// The host refuses what the image is configured with.
     #[error("{0}.{1} = {2}: cannot fly")]
     Unflyable(&'static str, &'static str, f32),
+    /// The world's origin is no place on earth.
+    #[error(transparent)]
+    Place(#[from] GeodesyError),
     /// The scenario names no sensors: see [`Scenario::for_image`](crate::scenario::Scenario::for_image).
     #[error("sensors: nothing: must be a table that names parts")]
     Blind,
@@ -89,8 +93,7 @@ fn fly(flight: &Flight, observe: &mut dyn FnMut(&Sample)) -> Result<(Option<Endi
     }
     let mut suite = SensorSuite::new(keys, &faults, &machine.carrier());
     let mut outside = Outside::new(&scenario.event);
-    let mut image =
-        Image { emulator: Emulator::start()?, said: Said::default(), twin: Twin::new()?, log: String::new() };
+    let mut image = Image::switch_on(keys)?;
     let weight_torque_nm = machine.vehicle.weight_torque_nm();
     let began = Instant::now();
 
@@ -170,6 +173,12 @@ struct Image {
 }
 
 impl Image {
+    fn switch_on(keys: &SensorKeys) -> Result<Self, ThroughError> {
+        let mut emulator = Emulator::start()?;
+        let said = Said::new(&mut emulator, keys)?;
+        Ok(Self { emulator, said, twin: Twin::new()?, log: String::new() })
+    }
+
     /// One period of the inertial unit.
     ///
     /// - `t_s`: since the sensors were switched on; that of `world` does not count.
@@ -181,7 +190,7 @@ impl Image {
         outside: &Outside,
     ) -> Result<Answer, ThroughError> {
         let measurements = suite.sample(&World { t_s, ..*world });
-        Said::measure(&mut self.emulator, &measurements);
+        self.said.measure(&mut self.emulator, t_s, &measurements);
         self.said.pilot(&mut self.emulator, outside.pilot());
         let answer = self.emulator.period()?;
         if let Some(record) = &answer.record {

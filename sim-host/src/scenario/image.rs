@@ -58,6 +58,9 @@ impl Scenario {
         if keys.imu != Some(ImuPart::Icm42688p) {
             return refuse("sensors.imu", "another part", "\"icm42688p\", which is on the board");
         }
+        if keys.baro.is_none() {
+            return refuse("sensors.baro", "nothing", "a part: the board carries one, and does not arm without");
+        }
         for (key, there, value, allowed) in [
             ("sensors.imus", keys.imus > 1, "2", "1: there is one on the board"),
             ("sensors.baros", keys.baros > 1, "2", "1: there is one on the board"),

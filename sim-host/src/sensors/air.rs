@@ -29,7 +29,7 @@ const DENSITY_KG_M3: f64 = 1.225;
 const HALVING_M: f64 = 0.25;
 
 /// Pressure at an altitude in the standard atmosphere, Pa.
-fn pressure_pa(altitude_m: f64) -> f64 {
+pub(crate) fn pressure_pa(altitude_m: f64) -> f64 {
     SEA_LEVEL_PA * libm::pow((1.0 - LAPSE_1_M * altitude_m).max(0.1), EXPONENT)
 }
 

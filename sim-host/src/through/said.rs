@@ -1,5 +1,7 @@
 //! What is said to the emulated devices: sensors' readings as their parts sense them, sticks and switches as the radio carries them.
-use crate::emulator::{Emulator, Motion};
+use crate::emulator::{Emulator, Health, Motion, Part};
+use crate::sensors::{SensorKeys, pressure_pa};
+use control_core::geodesy::{GeodesyError, Geodetic, LocalFrame};
 use control_core::measurement::{Imu, Measurements};
 use control_core::modes::Mode;
 use control_core::pilot::{PilotInput, Sticks};
@@ -7,18 +9,47 @@ use control_core::pilot::{PilotInput, Sticks};
 /// Samples of the inertial unit between two frames of the radio: 50 frames a second.
 const RADIO_EVERY: u32 = 40;
 
+/// Temperature of the air, °C: the models of sensors know none.
+const AIR_C: f32 = 20.0;
+/// Where the world's origin is for a satellite receiver.
+const HOME: Geodetic = Geodetic { latitude_e7: 473_977_000, longitude_e7: 85_456_000, altitude_m: 488.0 };
+
+/// A satellite receiver has no fix sooner after it was switched on, s.
+const FIRST_FIX_S: f64 = 2.0;
+
 /// What was said, and when again.
-#[derive(Default)]
 pub(super) struct Said {
     samples: u32,
+    world: LocalFrame,
 }
 
 impl Said {
-    /// Says what the sensors have measured at `t_s`.
-    pub(super) fn measure(emulator: &mut Emulator, measurements: &Measurements) {
+    /// Takes off the bus what the machine does not carry.
+    pub(super) fn new(emulator: &mut Emulator, keys: &SensorKeys) -> Result<Self, GeodesyError> {
+        if keys.mag.is_none() {
+            emulator.set_health(Part::Magnetometer, Health::Silent);
+        }
+        Ok(Self { samples: 0, world: LocalFrame::try_new(HOME)? })
+    }
+
+    /// Says what the sensors have measured at `t_s`, by their clock.
+    pub(super) fn measure(&self, emulator: &mut Emulator, t_s: f64, measurements: &Measurements) {
         if let Some(imu) = measurements.imu {
             let Imu { rate_rad_s: r, specific_force_m_s2: f } = imu.value;
             emulator.move_body(&Motion { force_m_s2: [f.x, f.y, f.z], rate_rad_s: [r.x, r.y, r.z] });
+        }
+        if let Some(baro) = measurements.baro_altitude_m {
+            emulator.set_air(pressure_pa(baro.value.into()) as f32, AIR_C);
+        }
+        if let Some(field) = measurements.magnetic_ut {
+            emulator.set_field(field.value);
+        }
+        if let Some(gnss) = measurements.gnss.filter(|_| t_s >= FIRST_FIX_S) {
+            emulator.send_fix(&self.world.to_geodetic(gnss.value.position_m), &gnss.value);
+        }
+        if let Some(vision) = measurements.vision {
+            let age_us = (1e6 * t_s).round() as u64;
+            emulator.send_pose(age_us.saturating_sub(vision.time_us) as u32, &vision.value);
         }
         if let Some(battery_v) = measurements.battery_v {
             emulator.set_battery(battery_v.value);
