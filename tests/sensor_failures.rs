@@ -4,6 +4,7 @@
 //! ```text
 //! cargo test --release -p system-tests --test sensor_failures -- --nocapture
 //! ```
+use control_core::estimation::Source;
 use rayon::prelude::*;
 use sim_host::chronicle::{Chronicle, Happening};
 use sim_host::controllers::ControllerName;
@@ -219,5 +220,35 @@ fn a_lone_inertial_unit_that_falls_silent_is_named_at_once() {
     for outcome in outcomes.iter().filter(|outcome| outcome.fault == "off") {
         let (after_s, _) = outcome.detected.as_ref().unwrap_or_else(|| panic!("{}", outcome.row()));
         assert!(*after_s < 0.03, "{}", outcome.row());
+    }
+}
+
+/// Of two inertial units that drift apart it is their biases that tell which is right.
+#[test]
+fn of_two_inertial_units_the_one_that_drifts_is_gone_by_in_nineteen_of_twenty_flights() {
+    const FLIGHTS: u64 = 20;
+    let base = shipped("sorties/spares_outdoors");
+    let cases: Vec<_> = [(Sensor::Gyro, 0.05), (Sensor::Accelerometer, 0.3)]
+        .into_iter()
+        .flat_map(|(sensor, rate)| [SensorAxis::X, SensorAxis::Z].map(|axis| (sensor, rate, axis)))
+        .flat_map(|(sensor, rate, axis)| [1, 2].map(|unit| (sensor, rate, axis, unit)))
+        .collect();
+    for (sensor, rate, axis, unit) in cases {
+        let mut scenario = base.clone();
+        scenario.duration_s = SENSOR_FAILS_S + 12.0;
+        let (kind, from_s, until_s) = (SensorFaultKind::Drift { rate }, SENSOR_FAILS_S, scenario.duration_s);
+        scenario.sensor_fault =
+            vec![SensorFault { kind, sensor, unit, axis: Some(axis), from_s, until_s, profile: Profile::Step }];
+        let right = (1..=FLIGHTS).into_par_iter().filter(|&seed| {
+            let flight =
+                Flight { scenario: &scenario, controller: ControllerName::Default, seed, format: NumberFormat::F32 };
+            let mut used = Source::Inertial;
+            let ending = flight.fly(&mut |sample| used = sample.estimator.expect("sensors").inertial);
+            assert!(ending.is_ok(), "shipped gains are valid");
+            (used == Source::Inertial) == (unit == 2)
+        });
+        let right = right.count() as u64;
+        println!("| {} of unit {unit}, {axis:?} | {right} of {FLIGHTS} |", sensor.as_str());
+        assert!(20 * right >= 19 * FLIGHTS, "{} of unit {unit}, {axis:?}: {right} of {FLIGHTS}", sensor.as_str());
     }
 }
