@@ -139,3 +139,48 @@ impl GnssModel {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Horizontal distances that 95 % of half an hour is within, m: of the slow error alone, of it with multipath, and of the slow one along north.
+    fn half_an_hour(seed: u64) -> [f64; 3] {
+        let sheet = GnssPart::M10.sheet();
+        let mut chance = stream(seed, Sensor::Gnss, 1);
+        let mut slow_m = GaussMarkov::new(sheet.slow_m.into(), sheet.slow_time_s, &mut chance);
+        let mut multipath_m = GaussMarkov::new(sheet.multipath_m.into(), sheet.multipath_time_s, &mut chance);
+        let origin_m = slow_m.value;
+        let mut found = [const { Vec::new() }; 3];
+        for _ in 0..1800 {
+            let slow_m = slow_m.step(1.0, &mut chance) - origin_m;
+            let all_m = slow_m + multipath_m.step(1.0, &mut chance);
+            for (found, m) in found.iter_mut().zip([slow_m.xy().norm(), all_m.xy().norm(), slow_m.x.abs()]) {
+                found.push(m);
+            }
+        }
+        found.map(|mut found: Vec<f64>| {
+            found.sort_by(f64::total_cmp);
+            found[found.len() * 95 / 100]
+        })
+    }
+
+    /// `cargo test --release -p sim-host --lib lasts_for_hours -- --nocapture` prints the bound of docs/estimation.md.
+    #[test]
+    fn what_lasts_for_hours_takes_a_fifth_of_hovers_beyond_a_metre_and_a_half_by_itself() {
+        let flights: Vec<[f64; 3]> = (0..1000).map(half_an_hour).collect();
+        let [slow, all, north] = [0, 1, 2].map(|i| {
+            let mut found: Vec<f64> = flights.iter().map(|flight| flight[i]).collect();
+            found.sort_by(f64::total_cmp);
+            let beyond = found.iter().filter(|&&m| m > 1.5).count() as f64 / found.len() as f64;
+            (found[found.len() / 2], beyond)
+        });
+        for (what, (median_m, beyond)) in [("slow", slow), ("with multipath", all), ("slow, one axis", north)] {
+            println!(
+                "receiver, {what}: {median_m:.2} m in the median, beyond 1.5 m in {:.0} % of flights",
+                100.0 * beyond
+            );
+        }
+        assert!((0.15..0.25).contains(&slow.1) && all.1 > 0.4 && north.1 < 0.12, "{slow:?} {all:?} {north:?}");
+    }
+}

@@ -42,7 +42,7 @@ pub enum MagPart {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum GnssPart {
-    /// u-blox M10, four constellations.
+    /// u-blox M10, two constellations, of which 10 Hz leaves time for.
     M10,
 }
 
