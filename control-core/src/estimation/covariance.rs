@@ -154,16 +154,31 @@ impl Covariance {
         observation.terms().map(|(i, a)| a * observation.terms().map(|(j, b)| b * self.0[i][j]).sum::<f32>()).sum()
     }
 
-    /// Takes an observation in; adds what it says of the errors to `x`.
-    ///
-    /// Returns `false`, and changes nothing, if the matrix is not positive where it looks.
-    pub(crate) fn observe(&mut self, observation: &Observation, x: &mut [f32; STATES]) -> bool {
+    /// P hᵀ: how what an observation sees goes with every state.
+    fn seen_with(&self, observation: &Observation) -> [f32; STATES] {
         let mut w = [0.0; STATES];
         for (state, factor) in observation.terms() {
             for (w, p) in w.iter_mut().zip(&self.0[state]) {
                 *w += factor * p;
             }
         }
+        w
+    }
+
+    /// Adds to `x` what an observation would say of the errors if its variance were `variance`, and learns nothing of how large they are.
+    pub(crate) fn follow(&self, observation: &Observation, variance: f32, x: &mut [f32; STATES]) {
+        let w = self.seen_with(observation);
+        let surprise = (observation.innovation - observation.seen(x)) / (observation.seen(&w) + variance);
+        for (x, w) in x.iter_mut().zip(w) {
+            *x += w * surprise;
+        }
+    }
+
+    /// Takes an observation in; adds what it says of the errors to `x`.
+    ///
+    /// Returns `false`, and changes nothing, if the matrix is not positive where it looks.
+    pub(crate) fn observe(&mut self, observation: &Observation, x: &mut [f32; STATES]) -> bool {
+        let w = self.seen_with(observation);
         let seen = observation.seen(&w);
         let total = seen + observation.variance.max(INFORMATION_MIN * seen);
         if !(seen > 0.0 && total < f32::MAX) {

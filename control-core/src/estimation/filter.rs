@@ -148,8 +148,10 @@ impl Filter {
 
     /// Takes a group of observations in, if all are within the gate.
     ///
-    /// - `bias`: what the source may be off by for long, 1 σ. What is known better already is left as it is: noise averages out, this does not.
-    pub(crate) fn fuse(&mut self, observations: &[Observation], gate_sigma: f32, bias: f32) -> Fusion {
+    /// - `lasting`: what the source is off by for long. Noise averages out, this does not: what is known better already follows it slowly,
+    ///   and is known no better for that.
+    pub(crate) fn fuse(&mut self, observations: &[Observation], gate_sigma: f32, lasting: Lasting) -> Fusion {
+        let bias = lasting.sigma;
         let (mut ratio, mut within, mut known) = (0.0_f32, true, true);
         for observation in observations {
             let seen = self.covariance.seen(observation);
@@ -160,10 +162,20 @@ impl Filter {
             known &= seen < bias * bias;
             ratio = ratio.max(own);
         }
-        if known || !within {
-            return Fusion { ratio, taken: within };
+        if !within {
+            return Fusion { ratio, taken: false };
         }
         let mut error = [0.0; STATES];
+        if known {
+            if let Some(samples) = lasting.samples {
+                let variance = samples * bias * bias;
+                for o in observations {
+                    self.covariance.follow(o, variance.max(o.variance), &mut error);
+                }
+                self.correct(&error);
+            }
+            return Fusion { ratio, taken: true };
+        }
         if !observations.iter().all(|o| self.covariance.observe(o, &mut error)) {
             self.broken = true;
         }
@@ -315,6 +327,20 @@ fn spread<const N: usize>(blocks: [(usize, f32); N]) -> [f32; STATES] {
         variances[first..first + 3].fill(sigma * sigma);
     }
     variances
+}
+
+/// What a source is off by for long.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lasting {
+    /// Standard deviation, in the unit of the observation.
+    pub(crate) sigma: f32,
+    /// In how many samples what is known as well follows it; `None` where it had better not.
+    pub(crate) samples: Option<f32>,
+}
+
+impl Lasting {
+    /// White noise alone.
+    pub(crate) const NOTHING: Self = Self { sigma: 0.0, samples: None };
 }
 
 /// What happened to a group of observations.

@@ -3,6 +3,7 @@
 //! A source that is refused alone for [`RESET_US`], and keeps to what it says, has no other to contradict it: what it measures is set anew
 //! from it. Of satellites and flow, `rivals.rs` says which yields. Vision outranks the magnetometer while it lives, as its frame may not be north's.
 use super::covariance::{BARO_OFFSET, GROUND, Observation, POSITION, VELOCITY};
+use super::filter::Lasting;
 use super::history::Past;
 use super::observe;
 use super::sources::{Source, SourceFault};
@@ -31,6 +32,10 @@ const ROAMING_M_S: f32 = 10.0;
 const ROAMING_M: f32 = 1000.0;
 /// Samples refused in a row after which a source must keep to what it says.
 const DOUBTED: u32 = 5;
+/// In how many samples the heading follows a compass, and the position a receiver, that are off for long: ten seconds, in which noise
+/// averages out, and half a minute, in which the velocity is summed as well as multipath lasts.
+const HEADING_SAMPLES: f32 = 500.0;
+const PLACE_SAMPLES: f32 = 300.0;
 /// Error of a range proportional to it.
 const RANGE_SHARE: f32 = 0.02;
 
@@ -50,17 +55,17 @@ struct Position {
     sigma_m: (f32, f32),
     place: [Observation; 2],
     level: [Observation; 1],
-    /// What it may be off by for long, horizontal; half as much again vertical.
-    bias_m: f32,
+    /// What it is off by for long, horizontal; half as much again vertical.
+    lasting_m: Lasting,
     /// Whether the source keeps to what it says.
     steady: bool,
 }
 
 impl Position {
-    fn new(past: &Past, measured_m: Vec3<Ned>, sigma_m: (f32, f32), bias_m: f32) -> Self {
+    fn new(past: &Past, measured_m: Vec3<Ned>, sigma_m: (f32, f32), lasting_m: Lasting) -> Self {
         let place = observe::horizontal(past, measured_m, sigma_m.0);
         let level = observe::vertical(past, measured_m, sigma_m.1);
-        Self { measured_m, sigma_m, place, level, bias_m, steady: false }
+        Self { measured_m, sigma_m, place, level, lasting_m, steady: false }
     }
 
     fn observations(&self) -> impl Iterator<Item = &Observation> {
@@ -130,19 +135,19 @@ impl Estimator {
         }
     }
 
-    /// Fuses one group, of a source that may be off by `bias` for long; whether it was taken.
+    /// Fuses one group; whether it was taken.
     fn group(
         &self,
         state: &mut EstimatorState,
         verdict: &mut Verdict,
         observations: &[Observation],
-        bias: f32,
+        lasting: Lasting,
     ) -> bool {
         if verdict.doubted {
             verdict.refused = true;
             return false;
         }
-        let fusion = state.filter.fuse(observations, self.config.gate_sigma, bias);
+        let fusion = state.filter.fuse(observations, self.config.gate_sigma, lasting);
         verdict.ratio = verdict.ratio.max(fusion.ratio);
         verdict.taken |= fusion.taken;
         verdict.refused |= !fusion.taken;
@@ -170,7 +175,12 @@ impl Estimator {
         };
         let (aiding, fix, mut verdict) = (&self.config.aiding, &gnss.value, Verdict::NONE);
         let sigma_m = (fix.horizontal_m.max(aiding.gnss_horizontal_m), fix.vertical_m.max(aiding.gnss_vertical_m));
-        let mut fixed = Position::new(&past, fix.position_m, sigma_m, aiding.gnss_bias_m);
+        let mut fixed = Position::new(
+            &past,
+            fix.position_m,
+            sigma_m,
+            Lasting { sigma: aiding.gnss_bias_m, samples: Some(PLACE_SAMPLES) },
+        );
         let speed_m_s = fix.speed_m_s.max(aiding.gnss_m_s);
         let moved = observe::velocity(&past, fix.velocity_m_s, speed_m_s);
         fixed.steady = self.is_steady(state, Source::Gnss, &mut verdict, fixed.observations().chain(&moved));
@@ -179,7 +189,7 @@ impl Estimator {
             state.filter.launch(&past, fix.velocity_m_s, speed_m_s, LED_RAD);
             state.resets = state.resets.saturating_add(1);
             state.aided.velocity_us = now_us;
-        } else if self.group(state, &mut verdict, &moved, 0.0) {
+        } else if self.group(state, &mut verdict, &moved, Lasting::NOTHING) {
             state.aided.velocity_us = now_us;
         } else if fixed.steady && state.yields(state.aided.velocity_us, now_us, RESET_US) {
             state.filter.launch(&past, fix.velocity_m_s, speed_m_s, ASTRAY_RAD);
@@ -197,9 +207,11 @@ impl Estimator {
         let sigma_rad = pose.attitude_sigma_rad.max(aiding.vision_rad);
         let attitude = observe::attitude(&past, &pose.attitude, sigma_rad);
         let sigma_m = pose.position_sigma_m.max(aiding.vision_m);
-        let mut seen = Position::new(&past, pose.position_m, (sigma_m, sigma_m), 0.0);
+        let mut seen = Position::new(&past, pose.position_m, (sigma_m, sigma_m), Lasting::NOTHING);
         seen.steady = self.is_steady(state, Source::Vision, &mut verdict, seen.observations().chain(&attitude));
-        if self.group(state, &mut verdict, &attitude, aiding.vision_askew_rad) {
+        // Gravity tells the tilt as well as the markers do.
+        let askew = Lasting { sigma: aiding.vision_askew_rad, samples: None };
+        if self.group(state, &mut verdict, &attitude, askew) {
             (state.aided.heading_us, state.aided.seen_us) = (now_us, now_us);
         } else if seen.steady && state.yields(state.aided.seen_us, now_us, RESET_US) {
             state.filter.head(observe::heading_apart(&past, &pose.attitude), sigma_rad);
@@ -220,19 +232,20 @@ impl Estimator {
         now_us: u64,
         verdict: &mut Verdict,
     ) -> bool {
-        let &Position { measured_m, sigma_m: (horizontal_m, vertical_m), ref place, ref level, bias_m, steady } =
+        let &Position { measured_m, sigma_m: (horizontal_m, vertical_m), ref place, ref level, lasting_m, steady } =
             position;
         // Dead reckoning on a velocity that is known goes far.
         let moving_known = now_us.saturating_sub(state.aided.velocity_us) < UNAIDED_US;
         let patience_us = if moving_known { POSITION_RESET_US } else { RESET_US };
-        let placed = state.placed && self.group(state, verdict, place, bias_m);
+        let placed = state.placed && self.group(state, verdict, place, lasting_m);
         if placed {
             state.aided.position_us = now_us;
         } else if !state.placed || steady && state.yields(state.aided.position_us, now_us, patience_us) {
             state.filter.place(past, measured_m, horizontal_m);
             (state.placed, verdict.taken, state.aided.position_us) = (true, true, now_us);
         }
-        let levelled = state.levelled && self.group(state, verdict, level, 1.5 * bias_m);
+        let levelled =
+            state.levelled && self.group(state, verdict, level, Lasting { sigma: 1.5 * lasting_m.sigma, ..lasting_m });
         if levelled {
             state.aided.altitude_us = now_us;
         } else if !state.levelled || steady && state.yields(state.aided.altitude_us, now_us, patience_us) {
@@ -258,7 +271,7 @@ impl Estimator {
         let offset_m = state.filter.barometer_offset_m;
         let observations = observe::barometer(&past, altitude.value, offset_m, sigma_m);
         let steady = self.is_steady(state, source, &mut verdict, &observations);
-        if self.group(state, &mut verdict, &observations, 0.0) {
+        if self.group(state, &mut verdict, &observations, Lasting::NOTHING) {
             state.aided.altitude_us = now_us;
         } else if steady && state.yields(state.aided.altitude_us, now_us, RESET_US) {
             state.filter.level_by_barometer(&past, altitude.value, sigma_m);
@@ -285,7 +298,7 @@ impl Estimator {
         };
         let observations = observe::range(&past, range.value, ground_m, sigma_m);
         let steady = self.is_steady(state, Source::Range, &mut verdict, &observations);
-        if self.group(state, &mut verdict, &observations, 0.0) {
+        if self.group(state, &mut verdict, &observations, Lasting::NOTHING) {
             (state.ranged_us, state.aided.altitude_us) = (now_us, now_us);
         } else if steady && state.yields(state.ranged_us, now_us, RESET_US) {
             // A step in the ground, as far as the others know the altitude.
@@ -309,7 +322,7 @@ impl Estimator {
             state.rivals.hear_image(&observations, past.velocity_m_s, now_us);
             return state.watches[Source::Flow as usize].refuse(SourceFault::Disagrees);
         }
-        if self.group(state, &mut verdict, &observations, 0.0) {
+        if self.group(state, &mut verdict, &observations, Lasting::NOTHING) {
             state.aided.velocity_us = now_us;
         } else if state.yields(state.aided.velocity_us, now_us, RESET_US) {
             state.filter.launch(&past, past.velocity_m_s, ROAMING_M_S, ASTRAY_RAD);
@@ -328,7 +341,8 @@ impl Estimator {
         let (Some(observations), false) = (observations, seen) else { return };
         let mut verdict = Verdict::NONE;
         let steady = self.is_steady(state, Source::Magnetometer, &mut verdict, &observations);
-        if self.group(state, &mut verdict, &observations, self.iron_rad) {
+        let iron = Lasting { sigma: self.iron_rad, samples: Some(HEADING_SAMPLES) };
+        if self.group(state, &mut verdict, &observations, iron) {
             state.aided.heading_us = now_us;
         } else if steady && state.yields(state.aided.heading_us, now_us, HEADING_RESET_US) {
             let [Observation { innovation, variance, .. }] = observations;
@@ -348,13 +362,13 @@ impl EstimatorState {
             let f = filter.force_m_s2;
             let weight = f.norm_squared() / (crate::GRAVITY_M_S2 * crate::GRAVITY_M_S2);
             if (0.8..1.2).contains(&weight) {
-                filter.fuse(&observe::gravity(&filter.attitude, f, ROAMING_M_S2), gate, 0.0);
+                filter.fuse(&observe::gravity(&filter.attitude, f, ROAMING_M_S2), gate, Lasting::NOTHING);
             }
         }
         let v = observe::components(filter.nominal.velocity_m_s);
         for (axis, v) in v.into_iter().enumerate() {
             if filter.covariance.variance(VELOCITY + axis) > ROAMING_M_S * ROAMING_M_S {
-                filter.fuse(&observe::standstill(axis, v, ROAMING_M_S), gate, 0.0);
+                filter.fuse(&observe::standstill(axis, v, ROAMING_M_S), gate, Lasting::NOTHING);
             }
             if filter.covariance.variance(POSITION + axis) > ROAMING_M * ROAMING_M {
                 filter.covariance.reset(POSITION + axis, 0.25 * ROAMING_M * ROAMING_M);
