@@ -26,6 +26,19 @@ impl Image {
         Ok(Self { elf, segments })
     }
 
+    /// Address and size of the one symbol whose name contains `part`.
+    ///
+    /// # Errors
+    /// If the image has none, or several.
+    pub(crate) fn symbol_with(&self, part: &str) -> Result<(u32, u32), Failure> {
+        let file = ElfFile32::<Endianness>::parse(&*self.elf).map_err(|error| Failure(error.to_string()))?;
+        let mut found = file.symbols().filter(|symbol| symbol.name().is_ok_and(|name| name.contains(part)));
+        match (found.next(), found.next()) {
+            (Some(symbol), None) => Ok((symbol.address() as u32, symbol.size() as u32)),
+            _ => Err(Failure(format!("the image has not one symbol with {part} in its name"))),
+        }
+    }
+
     /// Address of a symbol.
     ///
     /// # Errors

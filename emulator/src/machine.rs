@@ -15,6 +15,7 @@ use std::rc::Rc;
 use unicorn_engine::{RegisterARM as R, Unicorn, uc_error};
 use wiring::{FLASH_BYTES, RAM_START, Ram, State, masks, wire};
 
+mod uptime;
 mod wiring;
 mod world;
 

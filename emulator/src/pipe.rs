@@ -14,6 +14,7 @@
 //! | `v`             | the vision computer sends this pose now: u32 its age, µs; 9 × f32 position north, east, down, m, quaternion w, x, y, z from body to NED, its own errors of position, m, and attitude, rad, 1 σ |
 //! | `d`             | u8: 0 the barometer, 1 the magnetometer; u8: 0 it no longer answers, 1 it works again, 2 it holds the bus |
 //! | `t`             | u8: 0 the radio receiver's line, 1 the satellite receiver's, 2 the vision computer's; u8 bytes, and those, which come over that line now |
+//! | `w`             | u32: the board is switched on anew, and its image takes its clock to have run for so many seconds |
 //! | `n`             | nothing: run one period of the inertial unit, then answer                   |
 //!
 //! A period ends [`BEFORE_SAMPLE`] cycles before the next sample, so that whatever is said next is in it.
@@ -91,6 +92,10 @@ pub fn serve(image: &Image, mut input: impl Read, mut output: impl Write) -> io:
                 input.read_exact(&mut noise)?;
                 machine.send_bytes(line, &noise);
             }
+            b'w' => match Machine::with_uptime(image, u32::from_le_bytes(bytes(&mut input)?)) {
+                Ok(begun) => machine = begun,
+                Err(failure) => return refuse(&mut output, &failure),
+            },
             b'n' => match step(&mut machine, &mut log, record) {
                 Ok(answer) => output.write_all(&answer)?,
                 Err(failure) => return refuse(&mut output, &failure),

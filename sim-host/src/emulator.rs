@@ -164,6 +164,11 @@ impl Emulator {
         self.said.extend(numbers);
     }
 
+    /// Switches the board on anew; its image takes its clock to have run for so many seconds.
+    pub fn begin_after(&mut self, uptime_s: u32) {
+        self.say(b'w', uptime_s.to_le_bytes());
+    }
+
     /// Moves the body; holds.
     pub fn move_body(&mut self, motion: &Motion) {
         self.say(b'm', bytes_of(&[motion.force_m_s2, motion.rate_rad_s].concat()));

@@ -246,7 +246,8 @@ impl Timer {
         (u64::from(self.active_psc) + 1) * t.clock
     }
 
-    fn is_on(&self) -> bool {
+    /// Whether it counts.
+    pub(crate) fn is_on(&self) -> bool {
         self.cr1 & CEN != 0
     }
 
