@@ -22,4 +22,4 @@ mod frame;
 mod record;
 
 pub use frame::{Decoder, EncodeError, FRAME_BYTES_MAX, encode};
-pub use record::{Record, VisionPose};
+pub use record::{Outcome, ParameterName, Record, VisionPose};
