@@ -8,6 +8,7 @@
 //! | barometer, magnetometer | I2C1, PB8 and PB9                 |
 //! | satellite receiver     | USART6                             |
 //! | vision computer        | USART1                             |
+//! | station                | USART3                             |
 //! | battery, through 1 : 11 | ADC1 channel 10                   |
 //!
 //! # Source
@@ -36,6 +37,9 @@ pub(crate) const VISION_BAUD: u32 = 921_600;
 pub(crate) const SENSORS: usize = 0;
 pub(crate) const SENSOR_PINS: [(usize, u32); 2] = [(1, 8), (1, 9)];
 pub(crate) const SENSOR_FUNCTION: u32 = 4;
+/// The station's port, counted from zero, and its speed, bit/s.
+pub(crate) const STATION: usize = 2;
+pub(crate) const STATION_BAUD: u32 = 115_200;
 /// Timer and channel, port and pin of each motor; all are that pin's alternate function 2.
 pub(crate) const MOTORS: [(usize, usize, (usize, u32)); 4] =
     [(4, 0, (1, 6)), (4, 1, (1, 7)), (3, 2, (1, 0)), (3, 3, (1, 1))];
@@ -77,6 +81,12 @@ impl Board {
             ready_at: 0,
             latency_max: 0,
         }
+    }
+
+    /// Power comes on again.
+    pub(crate) fn power_up(&mut self) {
+        self.imu.power_up();
+        self.ready_at = 0;
     }
 
     /// Tells the inertial unit how the body moves: forward, right, down.

@@ -15,7 +15,7 @@ use crate::peripheral::dbgmcu::Dbgmcu;
 use crate::peripheral::dma::Dma;
 use crate::peripheral::dwt::Dwt;
 use crate::peripheral::exti::Exti;
-use crate::peripheral::flash::{Flash, Operation};
+use crate::peripheral::flash::{Extent, Flash, Operation};
 use crate::peripheral::gpio::Gpio;
 use crate::peripheral::i2c::I2c;
 use crate::peripheral::iwdg::Iwdg;
@@ -41,8 +41,8 @@ pub(crate) trait Memory {
     fn read(&mut self, address: u32, bytes: &mut [u8]) -> bool;
     /// Stores `bytes` at `address`; false where there is no memory.
     fn write(&mut self, address: u32, bytes: &[u8]) -> bool;
-    /// Erases flash.
-    fn erase(&mut self, address: u32, bytes: u32);
+    /// Erases flash, as far as power allows.
+    fn erase(&mut self, address: u32, bytes: u32, extent: Extent);
 }
 
 /// All peripherals.
@@ -75,7 +75,7 @@ pub(crate) struct Chip {
     iwdg: Iwdg,
     pub(crate) timers: [Timer; 6],
     spi: [Spi; 3],
-    usart: [Usart; 6],
+    pub(crate) usart: [Usart; 6],
     i2c: [I2c; 3],
     dma: [Dma; 2],
     adc: Adc,
@@ -88,7 +88,9 @@ pub(crate) const TIMERS: [usize; 6] = [1, 2, 3, 4, 5, 8];
 /// RCC_CSR: the independent watchdog, the software, and power have reset the chip.
 const IWDGRSTF: u32 = 1 << 29;
 const SFTRSTF: u32 = 1 << 28;
-const PORRSTF: u32 = 1 << 27;
+pub(crate) const PORRSTF: u32 = 1 << 27;
+/// The supply has been too low.
+pub(crate) const BORRSTF: u32 = 1 << 25;
 
 impl Chip {
     /// A chip after power-up.
@@ -107,7 +109,7 @@ impl Chip {
             gpio: std::array::from_fn(Gpio::new),
             systick: SysTick::default(),
             dwt: Dwt::default(),
-            rcc: Rcc::new(board::HSE_HZ, PORRSTF),
+            rcc: Rcc::new(board::HSE_HZ, PORRSTF | BORRSTF),
             pwr: Pwr::new(),
             exti: Exti::default(),
             syscfg: Syscfg::default(),
@@ -127,9 +129,20 @@ impl Chip {
 
     /// Starts everything anew but time, what lives in the backup domain, and the board; `causes` are flags of RCC_CSR.
     pub(crate) fn restart(&mut self, causes: u32) {
-        let (now, rtc) = (self.now, self.rtc.clone());
-        let board = std::mem::replace(&mut self.board, Board::new());
+        let (now, mut rtc) = (self.now, self.rtc.clone());
+        let mut board = std::mem::replace(&mut self.board, Board::new());
+        if causes & PORRSTF != 0 {
+            rtc = Rtc::default();
+            board.power_up();
+        }
+        // What is on its way to others is out.
+        let sent = self.usart.each_mut().map(|port| std::mem::take(&mut port.sent));
+        let cut = self.flash.cut.filter(|_| causes & PORRSTF == 0);
         *self = Self { now, rtc, board, rcc: Rcc::new(board::HSE_HZ, causes), ..Self::new() };
+        self.flash.cut = cut;
+        for (port, sent) in self.usart.iter_mut().zip(sent) {
+            port.sent = sent;
+        }
         self.refresh(Unit::Board);
     }
 
@@ -299,8 +312,9 @@ impl Chip {
         if matches!(unit, Unit::Spi(_) | Unit::Usart(_) | Unit::I2c(_) | Unit::Timer(_) | Unit::Adc | Unit::Dma(_)) {
             self.run_dma(memory);
         }
-        if let Some(Operation::Erase { start, length }) = self.flash.started.take() {
-            memory.erase(start, length);
+        if let Some(Operation::Erase { start, length, extent }) = self.flash.started.take() {
+            memory.erase(start, length, extent);
+            self.wait_for_flash();
         }
         if unit == Unit::Core {
             for exception in std::mem::take(&mut self.scb.asked) {
@@ -309,6 +323,15 @@ impl Chip {
             if std::mem::take(&mut self.scb.reset) {
                 self.reset = Some(SFTRSTF);
             }
+        }
+    }
+
+    /// The core stands still until the flash is ready, or has lost power.
+    pub(crate) fn wait_for_flash(&mut self) {
+        if self.flash.powerless {
+            self.reset = Some(PORRSTF | BORRSTF);
+        } else {
+            self.bus_wait += self.flash.stall(self.now);
         }
     }
 

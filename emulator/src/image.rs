@@ -57,6 +57,17 @@ impl Image {
         let found = found.map(|symbol| (symbol.address() as u32, symbol.size() as usize));
         found.ok_or_else(|| Failure(format!("the image has no symbol {name}")))
     }
+
+    /// Address of the function in the core library that the language calls for an index beyond the end.
+    ///
+    /// # Errors
+    /// If the image never does.
+    pub fn panic(&self) -> Result<u32, Failure> {
+        const NAME: &str = "9panicking18panic_bounds_check";
+        let file = ElfFile32::<Endianness>::parse(&*self.elf).map_err(|error| Failure(error.to_string()))?;
+        let found = file.symbols().find(|symbol| symbol.name().is_ok_and(|name| name.contains(NAME)));
+        found.map(|symbol| symbol.address() as u32).ok_or_else(|| Failure(format!("the image has no symbol {NAME}")))
+    }
 }
 
 /// What goes where: the physical addresses, for initial values of variables are flashed too.

@@ -6,6 +6,8 @@
 use crate::{Failure, Image, Machine};
 use defmt_decoder::{DecodeError, Table};
 
+/// What the control block begins with, once the image has set it up.
+const NAME: &[u8] = b"SEGGER RTT\0";
 /// Offsets in the control block.
 const BUFFER: u32 = 28;
 const SIZE: u32 = 32;
@@ -61,8 +63,9 @@ impl Log {
     fn fetch(&mut self, machine: &mut Machine) -> Result<(), Failure> {
         let [buffer, size, write, read] = [BUFFER, SIZE, WRITE, READ].map(|at| machine.word(self.control + at));
         let (buffer, size, write, read) = (buffer?, size?, write?, read?);
-        // Before the image has started, RAM is zero.
-        if size == 0 || write == read {
+        // Before the image has started, RAM is anything.
+        let there = machine.memory(self.control, NAME.len())? == NAME;
+        if !there || size == 0 || write == read {
             return Ok(());
         }
         let bytes = machine.memory(buffer, size as usize)?;

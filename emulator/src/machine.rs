@@ -6,6 +6,7 @@
 //! time its block began.
 //!
 //! Asleep in WFI or WFE, time jumps to whatever happens next.
+use crate::chip::PORRSTF;
 use crate::exception::{self, ENTRY_CYCLES};
 use crate::nvic::{HARD_FAULT, SV_CALL};
 use crate::peripheral::flash::FLASH_START;
@@ -13,8 +14,9 @@ use crate::{Failure, Image, Task};
 use std::cell::RefCell;
 use std::rc::Rc;
 use unicorn_engine::{RegisterARM as R, Unicorn, uc_error};
-use wiring::{FLASH_BYTES, RAM_START, Ram, State, masks, wire};
+use wiring::{FLASH_BYTES, RAM_BYTES, RAM_START, Ram, State, masks, wire};
 
+mod mishaps;
 mod uptime;
 mod wiring;
 mod world;
@@ -58,6 +60,7 @@ pub struct Machine {
     /// The event register of WFE.
     event: bool,
     faults: Vec<String>,
+    power_cuts: u32,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -74,7 +77,8 @@ impl Machine {
     pub fn new(image: &Image) -> Result<Self, Failure> {
         let state = Rc::new(RefCell::new(State::new()));
         let unicorn = wire(&state).map_err(|error| Failure(format!("Unicorn does not start: {error:?}")))?;
-        let mut machine = Self { cpu: Cpu { unicorn }, state, asleep: None, event: false, faults: Vec::new() };
+        let mut machine =
+            Self { cpu: Cpu { unicorn }, state, asleep: None, event: false, faults: Vec::new(), power_cuts: 0 };
         for (address, bytes) in &image.segments {
             let fits = (FLASH_START..FLASH_START + FLASH_BYTES).contains(address)
                 && bytes.len() <= (FLASH_START + FLASH_BYTES - address) as usize;
@@ -219,13 +223,19 @@ impl Machine {
         Ok(())
     }
 
-    /// Starts the chip anew; RAM keeps what it holds.
+    /// Starts the chip anew; RAM keeps what it holds unless power was lost.
     fn reset(&mut self, causes: u32) -> Result<(), Failure> {
         {
             let mut state = self.state.borrow_mut();
             state.chip.restart(causes);
             state.open = None;
             state.tasks.reset();
+        }
+        if causes & PORRSTF != 0 {
+            self.power_cuts += 1;
+            // What it comes up with is anything.
+            let junk: Vec<u32> = (1..=RAM_BYTES / 4).map(|n| n.wrapping_mul(0x9e37_79b9)).collect();
+            self.cpu.store(RAM_START, &junk)?;
         }
         self.asleep = None;
         self.boot()

@@ -7,7 +7,11 @@
 //! | `m`             | 6 × f32: specific force, m/s², and rate, rad/s, forward, right, down; holds |
 //! | `b`             | f32: battery, V; holds                                                      |
 //! | `c`             | 16 × u16: the radio receiver sends a frame with these channels now          |
-//! | `f`             | u8: 0 the core goes where there is no code, 1 the program hangs with interrupts masked, 2 the data-ready line breaks, 3 what runs below interrupts hangs, 10 the stack is used up |
+//! | `f`             | u8: 0 the core goes where there is no code, 1 the program hangs with interrupts masked, 2 the data-ready line breaks, 3 what runs below interrupts hangs, 4 a panic, 5 the supply drops for a moment, 6 and 7 the inertial unit's data line stays low or high, 8 the unit answers anything, 9 power is off for a moment, 10 the stack is used up |
+//! | `k`             | u32 words programmed and sectors erased after which power is cut, u8 whether the next one is done in part; power comes back at once |
+//! | `e`             | u32 address, u32 bytes, and those: fills flash as somebody may have left it |
+//! | `l`             | u8 bytes, and those: the station sends them now                             |
+//! | `h`             | nothing: answers what the station has heard                                 |
 //! | `p`             | 2 × f32: static pressure, Pa, and temperature, °C, at the barometer; holds  |
 //! | `g`             | 3 × f32: magnetic field, µT, forward, right, down; holds                    |
 //! | `u`             | the satellite receiver sends this fix now, unless it was told to send fewer: 2 × i32 latitude and longitude, 1e-7°; 7 × f32 height above the ellipsoid, m, velocity north, east, down, m/s, its own errors horizontal, vertical, m, and of speed, m/s, 1 σ; u8 kind of fix, 3 in three dimensions; u8 satellites |
@@ -24,6 +28,7 @@
 //! | `s`     | u64 cycles, u64 busy ones of them, both since reset; u64 longest time from sample to frame, cycles; |
 //! |         | 4 × u16 what each motor was told last, 65535 for nothing; 4 × u32 frames and pulses that each understood; |
 //! |         | u32 words of the image's record of its last step, and those; u32 bytes of its log since the last answer, and those, UTF-8 |
+//! | `h`     | u32 how often power has been off; u32 bytes that the station has heard since it last asked, and those |
 //! | `x`     | u32 bytes of why the run has ended, and those, UTF-8; nothing follows                              |
 use crate::{Failure, Fix, Health, Image, Line, Log, Machine, Part};
 use flight_link::VisionPose;
@@ -31,8 +36,8 @@ use std::io::{self, ErrorKind, Read, Write};
 
 /// Cycles between the end of a period and the next sample: longer than any block of code.
 const BEFORE_SAMPLE: u64 = 2_000;
-/// Cycles after which an image that has not switched its inertial unit on never will.
-const BOOT_MAX: u64 = 168_000_000;
+/// Cycles after which an image that has not switched its inertial unit on never will: time for a few sectors to be erased.
+const BOOT_MAX: u64 = 5 * 168_000_000;
 /// The image's record of its last step, a sequence number before it.
 const RECORD: &str = "LAST_STEP";
 
@@ -68,6 +73,15 @@ pub fn serve(image: &Image, mut input: impl Read, mut output: impl Write) -> io:
                     1 => machine.hang(true),
                     2 => machine.break_data_ready(),
                     3 => machine.hang(false),
+                    4 => {
+                        if let Err(failure) = image.panic().and_then(|function| machine.panic(function)) {
+                            return refuse(&mut output, &failure);
+                        }
+                    }
+                    5 => machine.brown_out(),
+                    6 | 7 => machine.short_inertial_unit(mishap == 7),
+                    8 => machine.garble_inertial_unit(),
+                    9 => machine.cut_power(),
                     10 => machine.exhaust_stack(),
                     other => return Err(io::Error::new(ErrorKind::InvalidData, format!("there is no mishap {other}"))),
                 }
@@ -96,6 +110,28 @@ pub fn serve(image: &Image, mut input: impl Read, mut output: impl Write) -> io:
                 Ok(begun) => machine = begun,
                 Err(failure) => return refuse(&mut output, &failure),
             },
+            b'k' => {
+                let (after, [within]) = (number(&mut input)?, bytes(&mut input)?);
+                machine.cut_power_at(after, within != 0);
+            }
+            b'e' => {
+                let (address, count) = (number(&mut input)?, number(&mut input)?);
+                let content = many(&mut input, count as usize)?;
+                if let Err(failure) = machine.fill_flash(address, &content) {
+                    return refuse(&mut output, &failure);
+                }
+            }
+            b'l' => {
+                let [count] = bytes(&mut input)?;
+                machine.hear_station(&many(&mut input, count.into())?);
+            }
+            b'h' => {
+                let told = machine.told_station();
+                output.write_all(b"h")?;
+                output.write_all(&machine.power_cuts().to_le_bytes())?;
+                output.write_all(&(told.len() as u32).to_le_bytes())?;
+                output.write_all(&told)?;
+            }
             b'n' => match step(&mut machine, &mut log, record) {
                 Ok(answer) => output.write_all(&answer)?,
                 Err(failure) => return refuse(&mut output, &failure),
@@ -150,6 +186,16 @@ fn boot(machine: &mut Machine) -> Result<u64, Failure> {
         machine.run_until(machine.now() + BEFORE_SAMPLE)?;
     }
     Ok(machine.next_sample().unwrap_or(0) - BEFORE_SAMPLE)
+}
+
+fn number(input: &mut impl Read) -> io::Result<u32> {
+    bytes(input).map(u32::from_le_bytes)
+}
+
+fn many(input: &mut impl Read, count: usize) -> io::Result<Vec<u8>> {
+    let mut bytes = vec![0; count];
+    input.read_exact(&mut bytes)?;
+    Ok(bytes)
 }
 
 fn bytes<const N: usize>(input: &mut impl Read) -> io::Result<[u8; N]> {

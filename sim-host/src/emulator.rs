@@ -54,6 +54,18 @@ pub enum Mishap {
     NoDataReady = 2,
     /// What runs below all interrupts hangs.
     HangBelow = 3,
+    /// The program panics.
+    Panic = 4,
+    /// The supply drops for a moment, not so far that RAM forgets.
+    BrownOut = 5,
+    /// The inertial unit's data line stays low.
+    AllZeros = 6,
+    /// The inertial unit's data line stays high.
+    AllOnes = 7,
+    /// The inertial unit answers anything.
+    Garbage = 8,
+    /// Power is off for a moment.
+    PowerCut = 9,
     /// The stack is used up but for a few words.
     StackOverflow = 10,
 }
@@ -231,16 +243,52 @@ impl Emulator {
         self.say(b'f', [mishap as u8]);
     }
 
+    /// Cuts power, for a moment, after so many words programmed and sectors erased; `within`: the next one is done in part.
+    pub fn cut_power_at(&mut self, after: u32, within: bool) {
+        self.say(b'k', after.to_le_bytes().into_iter().chain([within.into()]));
+    }
+
+    /// Fills flash as somebody may have left it.
+    pub fn fill_flash(&mut self, address: u32, bytes: &[u8]) {
+        let header = [address, bytes.len() as u32].into_iter().flat_map(u32::to_le_bytes);
+        self.say(b'e', header.chain(bytes.iter().copied()));
+    }
+
+    /// Lets the station send these bytes, at most 255.
+    pub fn send_station(&mut self, bytes: &[u8]) {
+        self.say(b'l', [bytes.len() as u8].into_iter().chain(bytes.iter().copied()));
+    }
+
+    /// How often power has been off, and what the station has heard since it last asked.
+    ///
+    /// # Errors
+    /// As [`Self::period`].
+    pub fn station_heard(&mut self) -> Result<(u32, Vec<u8>), EmulatorError> {
+        self.say(b'h', []);
+        self.send()?;
+        if self.bytes()? != *b"h" {
+            return Err(EmulatorError::Stopped(self.text()?));
+        }
+        let power_cuts = u32::from_le_bytes(self.bytes()?);
+        let mut heard = vec![0; u32::from_le_bytes(self.bytes()?) as usize];
+        self.output.read_exact(&mut heard)?;
+        Ok((power_cuts, heard))
+    }
+
     /// Lets one period of the inertial unit pass. The first is the whole boot.
     ///
     /// # Errors
     /// If the image has done what the emulator does not model, with what it says of it; or the pipe breaks.
     pub fn period(&mut self) -> Result<Answer, EmulatorError> {
         self.say(b'n', []);
-        self.input.write_all(&self.said)?;
-        self.input.flush()?;
-        self.said.clear();
+        self.send()?;
         self.answer()
+    }
+
+    fn send(&mut self) -> io::Result<()> {
+        self.input.write_all(&self.said)?;
+        self.said.clear();
+        self.input.flush()
     }
 
     fn answer(&mut self) -> Result<Answer, EmulatorError> {

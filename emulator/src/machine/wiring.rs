@@ -4,17 +4,17 @@ use crate::block::{Block, REFILL};
 use crate::chip::{Chip, Memory};
 use crate::flash_cache::FlashCache;
 use crate::nvic::Masks;
-use crate::peripheral::flash::FLASH_START;
+use crate::peripheral::flash::{Extent, FLASH_START};
 use crate::tasks::Tasks;
 use std::cell::RefCell;
 use std::rc::Rc;
 use unicorn_engine::{Arch, ArmCpuModel, HookType, Mode, Prot, RegisterARM as R, Unicorn, uc_error};
 
 pub(super) const FLASH_BYTES: u32 = 1024 * 1024;
-/// Above the image: a branch to itself, for [`super::Machine::hang`].
-pub(super) const LOOP: (u32, [u8; 2]) = (FLASH_START + FLASH_BYTES - 2, [0xfe, 0xe7]);
+/// Above the image and below what it stores: a branch to itself, for [`super::Machine::hang`].
+pub(super) const LOOP: (u32, [u8; 2]) = (FLASH_START + 768 * 1024 - 2, [0xfe, 0xe7]);
 pub(super) const RAM_START: u32 = 0x2000_0000;
-const RAM_BYTES: u32 = 128 * 1024;
+pub(super) const RAM_BYTES: u32 = 128 * 1024;
 /// Unicorn maps whole pages.
 const PAGE: u64 = 4096;
 /// Peripherals: APB and AHB1, AHB2, the core's own.
@@ -126,6 +126,8 @@ pub(super) fn wire(state: &Rc<RefCell<State>>) -> Result<Unicorn<'static, ()>, u
     // No address ends the run.
     unicorn.ctl_exits_enable()?;
     unicorn.mem_map(FLASH_START.into(), FLASH_BYTES.into(), Prot::READ | Prot::EXEC)?;
+    // As it leaves the factory.
+    unicorn.mem_write(FLASH_START.into(), &vec![0xff; FLASH_BYTES as usize])?;
     unicorn.mem_write(LOOP.0.into(), &LOOP.1)?;
     unicorn.mem_map(RAM_START.into(), RAM_BYTES.into(), Prot::ALL)?;
     for (base, bytes) in PERIPHERALS {
@@ -148,12 +150,11 @@ pub(super) fn wire(state: &Rc<RefCell<State>>) -> Result<Unicorn<'static, ()>, u
     unicorn.add_mem_hook(HookType::MEM_WRITE_PROT, flash.0, flash.1, move |unicorn, _, address, bytes, value| {
         let chip = &mut programmer.borrow_mut().chip;
         let (now, core_hz) = (chip.now, chip.core_hz());
-        let programs = chip.flash.program(now, core_hz);
-        if programs {
-            clear_bits(unicorn, address, &value.to_le_bytes()[..bytes]);
-        } else {
-            chip.fail(format!("{value:#x} stored at {address:#010x}, in flash that is locked or busy"));
+        match chip.flash.program(now, core_hz) {
+            Some(extent) if bytes == 4 => clear_bits(unicorn, address as u32, value as u32, extent),
+            _ => chip.fail(format!("{value:#x} stored at {address:#010x}, in flash that is locked or busy")),
         }
+        chip.wait_for_flash();
         // Go on: the store itself does nothing, or this run ends.
         true
     })?;
@@ -169,14 +170,13 @@ pub(super) fn wire(state: &Rc<RefCell<State>>) -> Result<Unicorn<'static, ()>, u
     Ok(unicorn)
 }
 
-/// Programs flash: bits only ever go to zero.
-fn clear_bits(unicorn: &mut Unicorn<'_, ()>, address: u64, bytes: &[u8]) {
-    let mut kept = unicorn.mem_read_as_vec(address, bytes.len()).unwrap_or_default();
-    for (kept, byte) in kept.iter_mut().zip(bytes) {
-        *kept &= byte;
-    }
-    // Cannot fail: it has just been read.
-    let _ = unicorn.mem_write(address, &kept);
+/// Programs a word of flash: bits only ever go to zero.
+fn clear_bits(unicorn: &mut Unicorn<'_, ()>, address: u32, value: u32, extent: Extent) {
+    let mut bytes = [0; 4];
+    // Neither can fail: it is flash that was stored to.
+    let _ = unicorn.mem_read(address.into(), &mut bytes);
+    let before = u32::from_le_bytes(bytes);
+    let _ = unicorn.mem_write(address.into(), &extent.of(address, before, before & value).to_le_bytes());
 }
 
 /// RAM and flash, as DMA sees them.
@@ -198,9 +198,15 @@ impl Memory for Ram<'_, '_> {
         Self::has(address, bytes.len()) && self.0.mem_write(address.into(), bytes).is_ok()
     }
 
-    fn erase(&mut self, address: u32, bytes: u32) {
+    fn erase(&mut self, address: u32, bytes: u32, extent: Extent) {
         // Sectors are within flash.
-        let _ = self.0.mem_write(address.into(), &vec![0xff; bytes as usize]);
+        let before = self.0.mem_read_as_vec(address.into(), bytes as usize).unwrap_or_default();
+        let words = before.chunks_exact(4).zip((address..).step_by(4));
+        let after = words.flat_map(|(word, address)| {
+            let before = u32::from_le_bytes([word[0], word[1], word[2], word[3]]);
+            extent.of(address, before, u32::MAX).to_le_bytes()
+        });
+        let _ = self.0.mem_write(address.into(), &after.collect::<Vec<u8>>());
     }
 }
 

@@ -115,7 +115,7 @@ impl Machine {
     }
 
     /// Charges what has run, before the core is sent elsewhere.
-    fn close_here(&mut self) {
+    pub(super) fn close_here(&mut self) {
         let pc = self.cpu.register(R::PC);
         self.close(pc);
         self.asleep = None;

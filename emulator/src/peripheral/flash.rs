@@ -1,7 +1,12 @@
 //! FLASH: the registers of the flash memory: wait states and caches, programming and erasing.
 //!
 //! Programming takes 16 µs a word and erasing a sector 16, 64 or 128 KiB 0.25, 0.55 or 1 s (the data sheet's typical
-//! values at 32 bits); bits only ever go from one to zero until their sector is erased.
+//! values at 32 bits); bits only ever go from one to zero until their sector is erased. All that time the core stands still:
+//! this chip has one bank, and the program is in it. (A loop that the caches hold would run on.)
+//!
+//! Power may fail at any of these operations, which then is done in part: of the bits that a word was to lose, each is lost by
+//! chance; of a sector, each word by chance is as it was, erased, or has gained some of its bits. What then is read is read the
+//! same each time; on silicon a bit may be near its threshold, and waver.
 //!
 //! # Source
 //! RM0090, chapter 3.9 "Flash interface registers"; DS8626 table 39.
@@ -26,7 +31,56 @@ pub(crate) enum Operation {
         start: u32,
         /// Bytes.
         length: u32,
+        /// How much of it power allows.
+        extent: Extent,
     },
+}
+
+/// How much of an operation is done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Extent {
+    /// All.
+    Whole,
+    /// Power fails within it. Of chance.
+    Part(u32),
+    /// Power has failed before it.
+    Nothing,
+}
+
+impl Extent {
+    /// What a word is afterwards.
+    pub(crate) fn of(self, address: u32, before: u32, after: u32) -> u32 {
+        match self {
+            Self::Whole => after,
+            Self::Part(chance) => {
+                let mixed = mix(chance ^ address);
+                // The bits that change are the ones by chance, for one word in two; else all or none.
+                let done = match mixed % 4 {
+                    0 if after == u32::MAX => 0,
+                    1 if after == u32::MAX => u32::MAX,
+                    _ => mix(mixed),
+                };
+                before & !done | after & done
+            }
+            Self::Nothing => before,
+        }
+    }
+}
+
+/// Mixes the bits of a number: the finalizer of MurmurHash3.
+fn mix(x: u32) -> u32 {
+    let x = (x ^ x >> 16).wrapping_mul(0x85eb_ca6b);
+    let x = (x ^ x >> 13).wrapping_mul(0xc2b2_ae35);
+    x ^ x >> 16
+}
+
+/// When power fails.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Cut {
+    /// Operations that are still done whole.
+    pub(crate) after: u32,
+    /// Whether the next one is done in part.
+    pub(crate) within: bool,
 }
 
 /// The interface's registers.
@@ -37,13 +91,29 @@ pub(crate) struct Flash {
     cr: u32,
     keys: u32,
     busy_until: u64,
+    /// Words programmed and sectors erased.
+    operations: u32,
+    /// Power fails, if it is to.
+    pub(crate) cut: Option<Cut>,
+    /// Power has failed, which ends all this.
+    pub(crate) powerless: bool,
     /// What [`Self::write`] has started and nobody has done yet.
     pub(crate) started: Option<Operation>,
 }
 
 impl Flash {
     pub(crate) fn new() -> Self {
-        Self { acr: 0, sr: 0, cr: LOCK, keys: 0, busy_until: 0, started: None }
+        Self {
+            acr: 0,
+            sr: 0,
+            cr: LOCK,
+            keys: 0,
+            busy_until: 0,
+            operations: 0,
+            cut: None,
+            powerless: false,
+            started: None,
+        }
     }
 
     pub(crate) fn read(&self, offset: u32, now: u64) -> Option<u32> {
@@ -89,18 +159,43 @@ impl Flash {
             4 => (64, 64, 550),
             _ => (128 * (sector - 4), 128, 1_000),
         };
-        self.started = Some(Operation::Erase { start: FLASH_START + 1024 * start, length: 1024 * kib });
+        let extent = self.operate();
+        self.started = Some(Operation::Erase { start: FLASH_START + 1024 * start, length: 1024 * kib, extent });
         self.busy_until = now + ms * core_hz / 1_000;
         self.sr |= EOP;
     }
 
-    /// Whether a store to flash programs it now; it then takes its time.
-    pub(crate) fn program(&mut self, now: u64, core_hz: u64) -> bool {
-        let ready = self.cr & (PG | LOCK) == PG && now >= self.busy_until;
-        if ready {
-            self.busy_until = now + 16 * core_hz / 1_000_000;
+    /// How much of a store to flash programs it now, if it does; it then takes its time.
+    pub(crate) fn program(&mut self, now: u64, core_hz: u64) -> Option<Extent> {
+        if self.cr & (PG | LOCK) != PG || now < self.busy_until {
+            return None;
         }
-        ready
+        self.busy_until = now + 16 * core_hz / 1_000_000;
+        Some(self.operate())
+    }
+
+    /// One operation: how much of it is done.
+    fn operate(&mut self) -> Extent {
+        self.operations += 1;
+        if self.powerless {
+            return Extent::Nothing;
+        }
+        match &mut self.cut {
+            None => Extent::Whole,
+            Some(Cut { after: 0, within }) => {
+                self.powerless = true;
+                if *within { Extent::Part(self.operations) } else { Extent::Nothing }
+            }
+            Some(cut) => {
+                cut.after -= 1;
+                Extent::Whole
+            }
+        }
+    }
+
+    /// How long the core must wait for the flash, cycles.
+    pub(crate) fn stall(&self, now: u64) -> u64 {
+        self.busy_until.saturating_sub(now)
     }
 
     /// Wait states, and whether the instruction and the data cache are on.
@@ -123,7 +218,8 @@ mod tests {
         flash.write(0x04, 0x4567_0123, 0, HZ);
         flash.write(0x04, 0xcdef_89ab, 0, HZ);
         flash.write(0x10, STRT | SER | 5 << 3, 0, HZ);
-        assert_eq!(flash.started, Some(Operation::Erase { start: 0x0802_0000, length: 0x2_0000 }));
+        let extent = Extent::Whole;
+        assert_eq!(flash.started, Some(Operation::Erase { start: 0x0802_0000, length: 0x2_0000, extent }));
         assert_eq!(flash.read(0x0c, HZ - 1), Some(BSY | EOP));
         assert_eq!(flash.read(0x0c, HZ), Some(EOP));
     }
@@ -131,12 +227,38 @@ mod tests {
     #[test]
     fn a_store_programs_only_when_unlocked_and_asked_for() {
         let mut flash = Flash::new();
-        assert!(!flash.program(0, HZ));
+        assert_eq!(flash.program(0, HZ), None);
         flash.write(0x04, 0x4567_0123, 0, HZ);
         flash.write(0x04, 0xcdef_89ab, 0, HZ);
-        assert!(!flash.program(0, HZ));
+        assert_eq!(flash.program(0, HZ), None);
         flash.write(0x10, PG | 2 << 8, 0, HZ);
-        assert!(flash.program(0, HZ));
-        assert!(!flash.program(100, HZ), "busy");
+        assert_eq!(flash.program(0, HZ), Some(Extent::Whole));
+        assert_eq!(flash.program(100, HZ), None, "busy");
+    }
+
+    #[test]
+    fn power_fails_at_the_operation_it_was_to_fail_at_and_nothing_follows() {
+        let mut flash = Flash::new();
+        (flash.cr, flash.cut) = (PG, Some(Cut { after: 2, within: true }));
+        let done: Vec<_> = (0..4).map(|n| flash.program(n * HZ, HZ).expect("it is ready")).collect();
+        assert_eq!(done, [Extent::Whole, Extent::Whole, Extent::Part(3), Extent::Nothing]);
+        assert!(flash.powerless);
+    }
+
+    #[test]
+    fn a_word_done_in_part_has_only_bits_that_it_had_or_was_to_have() {
+        let mut kinds = [0; 3];
+        for address in (0..4_096).step_by(4) {
+            let erased = Extent::Part(7).of(address, 0x1234_5678, u32::MAX);
+            assert_eq!(erased & 0x1234_5678, 0x1234_5678);
+            kinds[match erased {
+                0x1234_5678 => 0,
+                u32::MAX => 1,
+                _ => 2,
+            }] += 1;
+            let programmed = Extent::Part(7).of(address, u32::MAX, 0x1234_5678);
+            assert_eq!(programmed & 0x1234_5678, 0x1234_5678);
+        }
+        assert!(kinds.iter().all(|&words| words > 200), "{kinds:?}");
     }
 }
