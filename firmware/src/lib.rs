@@ -21,4 +21,5 @@ pub mod pulse;
 pub mod qmc5883l;
 pub mod record;
 pub mod report;
+pub mod stored;
 pub mod ubx;

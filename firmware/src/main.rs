@@ -18,9 +18,13 @@ mod gnss;
 #[cfg(target_os = "none")]
 mod imu;
 #[cfg(target_os = "none")]
+mod kept;
+#[cfg(target_os = "none")]
 mod motors;
 #[cfg(target_os = "none")]
 mod sensors;
+#[cfg(target_os = "none")]
+mod station;
 #[cfg(target_os = "none")]
 mod tasks;
 #[cfg(target_os = "none")]

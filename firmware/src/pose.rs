@@ -19,8 +19,9 @@ const AGE_US_MAX: u32 = 1_000_000;
 /// Takes in bytes as they come; returns the newest pose that they complete, and how old it was when it was sent, µs.
 pub fn push(decoder: &mut Decoder, bytes: &[u8]) -> Option<(u32, Vision)> {
     let records = bytes.iter().filter_map(|&byte| decoder.push(byte));
-    let poses = records.map(|record| match record {
-        Record::VisionPose(pose) => pose,
+    let poses = records.filter_map(|record| match record {
+        Record::VisionPose(pose) => Some(pose),
+        _ => None,
     });
     poses.last().filter(|pose| pose.age_us <= AGE_US_MAX).map(|pose| (pose.age_us, vision(&pose)))
 }

@@ -3,7 +3,7 @@
 //! ```text
 //! data ready ─► control, interrupt executor ─┬─► motors
 //!                  ▲                         └─ one report a second, lock-free queue ─► log, thread executor
-//!                  └─ newest of each ─ radio, battery, and the slow sensors, thread executor
+//!                  └─ newest of each ─ radio, battery, station and the slow sensors, thread executor
 //! ```
 //!
 //! Control preempts the others at any instruction. What is left to delay it are critical sections of some dozens of cycles.
@@ -11,7 +11,6 @@ use core::sync::atomic::Ordering;
 
 use control_core::flight::{Arrived, Command, Flight};
 use control_core::measurement::{Measurements, Stamped};
-use control_core::parameters::Parameters;
 use control_core::pilot::PilotInput;
 use cortex_m::peripheral::DWT;
 use cortex_m::singleton;
@@ -30,6 +29,7 @@ use crate::gnss::{GNSS, locate};
 use crate::imu::Imu;
 use crate::motors::Motors;
 use crate::sensors::{BARO_ALTITUDE_M, BAROMETER_FOUND, MAGNETIC_UT, sense};
+use crate::station;
 use crate::vision::{VISION, see};
 use firmware::battery::volts;
 use firmware::crsf::Receiver;
@@ -56,6 +56,8 @@ static BATTERY_V: Newest<f32> = Signal::new();
 const IMU_WAIT: Duration = Duration::from_micros((3e6 / SAMPLE_HZ) as u64);
 /// Time within which a step must be done, once it has begun: its period.
 const STEP_US_MAX: u64 = (1e6 / SAMPLE_HZ) as u64;
+/// Bytes of the station that may wait: two frames.
+const STATION_BYTES: usize = 256;
 /// Battery readings a second.
 const BATTERY_HZ: u64 = 10;
 
@@ -67,7 +69,7 @@ pub(crate) fn start(spawner: Spawner) {
     let buffers = singleton!(: Buffers = BUFFERS).expect("start runs once");
     let board = board::init(buffers);
     let Board { motors, imu_bus, imu_select, imu_ready, radio, sensors, gnss, vision, battery, .. } = board;
-    let Board { status, watchdog, bitten, .. } = board;
+    let Board { station, mut store, status, watchdog, bitten, .. } = board;
     start_cycle_counter();
     defmt::info!("{=str}", board::NAME);
     fault::report();
@@ -77,18 +79,26 @@ pub(crate) fn start(spawner: Spawner) {
 
     let reports: &'static mut Reports = singleton!(: Reports = Queue::new()).expect("start runs once");
     let (producer, consumer) = reports.split();
+    // Before the watchdog runs: it may take seconds.
+    let loaded = station::load(&mut store);
     // Not `expect`: printing a float in text would add 30 KB to the image.
-    let flight = flight::boot(&Parameters::default())
+    let flight = flight::boot(&loaded.parameters)
         .unwrap_or_else(|e| defmt::panic!("{=str}.{=str} = {=f32} cannot fly", e.name[0], e.name[1], e.value));
     let imu = Imu::new(imu_bus, imu_select, imu_ready);
     // In its place for good: every move of it would be on the stack.
     let flight = singleton!(: Flight = flight).expect("start runs once");
-    let control = control(flight, imu, Motors::new(motors), watchdog, producer).expect("control is started once");
+    let motors = Motors::new(motors);
+    let valid = loaded.is_valid();
+    let control = control(flight, valid, imu, motors, watchdog, producer).expect("control is started once");
     board::start_control_executor().spawn(control);
     spawner.spawn(listen(radio).expect("listen is started once"));
     spawner.spawn(sense(sensors).expect("sense is started once"));
     spawner.spawn(locate(gnss).expect("locate is started once"));
     spawner.spawn(see(vision).expect("see is started once"));
+    let (say, hear) = station;
+    let buffer = singleton!(: [u8; STATION_BYTES] = [0; STATION_BYTES]).expect("start runs once");
+    let converse = station::converse(hear.into_ring_buffered(buffer), say, store, loaded.parameters);
+    spawner.spawn(converse.expect("converse is started once"));
     spawner.spawn(measure_battery(battery).expect("measure_battery is started once"));
     spawner.spawn(log(consumer, status).expect("log is started once"));
 }
@@ -97,6 +107,7 @@ pub(crate) fn start(spawner: Spawner) {
 #[embassy_executor::task]
 async fn control(
     flight: &'static mut Flight,
+    parameters_valid: bool,
     mut imu: Imu,
     mut motors: Motors,
     mut watchdog: Watchdog,
@@ -119,11 +130,13 @@ async fn control(
             pilot: PILOT.try_take(),
             offboard: None,
             late,
-            // What is soldered on; what a builder may leave out is the estimator's to miss.
-            self_test_passed: who == WHO_AM_I.1 && BAROMETER_FOUND.load(Ordering::Relaxed),
-            parameters_valid: true,
+            // What is soldered on; what a builder may leave out is the estimator's to miss. And nothing arms while the flash holds
+            // up the program.
+            self_test_passed: who == WHO_AM_I.1 && BAROMETER_FOUND.load(Ordering::Relaxed) && !station::stores(),
+            parameters_valid,
         };
         let command = flight.step(time_us, &arrived);
+        station::note_motors(command != Command::Stop);
         motors.write(command).await;
         number = number.wrapping_add(1);
         black_box::keep(&Record { step: number, time_us, arrived, command });

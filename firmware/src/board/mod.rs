@@ -4,6 +4,7 @@
 //! Another board is another such file, a feature in `Cargo.toml`, and its memory map (docs/boards.md).
 use core::mem::forget;
 
+use embassy_embedded_hal::adapter::BlockingAsync;
 use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, AnyAdcChannel};
 use embassy_stm32::exti::ExtiInput;
@@ -13,9 +14,10 @@ use embassy_stm32::mode::Async;
 use embassy_stm32::peripherals::ADC1;
 use embassy_stm32::spi::{self, Spi};
 use embassy_stm32::time::Hertz;
-use embassy_stm32::usart::{self, RingBufferedUartRx};
+use embassy_stm32::usart::{self, RingBufferedUartRx, UartRx, UartTx};
 use embassy_stm32::wdg::IndependentWatchdog;
 use firmware::icm42688::{Mount, SPI_HZ_MAX};
+use firmware::stored::Stored;
 
 use crate::gnss;
 
@@ -42,6 +44,8 @@ pub(crate) use chosen::{
 
 /// Time without a step that was done in time after which the watchdog resets the chip, µs.
 const WATCHDOG_US: u32 = 20_000;
+/// Speed of the station's line, bits a second.
+const STATION_BAUD: u32 = 115_200;
 /// Speed of the slow sensors' bus, bits a second.
 const SENSORS_HZ: u32 = 400_000;
 /// A magnetometer, which a builder adds, has its arrow forward and its chip up.
@@ -65,6 +69,10 @@ pub(crate) struct Board {
     pub(crate) gnss: gnss::Port,
     /// The line of whoever sees the machine from outside.
     pub(crate) vision: RingBufferedUartRx<'static>,
+    /// The station's line, to it and from it.
+    pub(crate) station: (UartTx<'static, Async>, UartRx<'static, Async>),
+    /// Where parameters are stored.
+    pub(crate) store: Store,
     /// The battery's voltage.
     pub(crate) battery: Battery,
     /// The status LED.
@@ -83,6 +91,8 @@ pub(crate) type ImuBus = Spi<'static, Async, spi::mode::Master>;
 pub(crate) type ImuReady = ExtiInput<'static, Async>;
 /// The radio receiver's line.
 pub(crate) type Radio = RingBufferedUartRx<'static>;
+/// Where parameters are stored.
+pub(crate) type Store = Stored<BlockingAsync<chosen::StoreRegion>>;
 /// The status LED.
 pub(crate) type Status = Output<'static>;
 
@@ -110,6 +120,14 @@ impl Battery {
     pub(crate) fn counts(&mut self) -> u16 {
         self.converter.blocking_read(&mut self.channel, chosen::BATTERY_SAMPLE) >> chosen::BATTERY_BITS_BEYOND_12
     }
+}
+
+/// Where parameters are stored.
+///
+/// # Panics
+/// If that is not two sectors.
+fn store(region: chosen::StoreRegion) -> Store {
+    Stored::try_new(BlockingAsync::new(region), chosen::STORE).expect("the range is two sectors")
 }
 
 /// How the inertial unit's bus is driven.

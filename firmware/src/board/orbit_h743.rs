@@ -9,8 +9,10 @@
 //! | DPS310, magnetometer | PD12, PD13           | I2C4, which DMA1 and DMA2 do not serve              |
 //! | GNSS receiver    | PC6, PC7                 | USART6; DMA1 streams 0 and 1                        |
 //! | vision           | PE7                      | UART7; DMA1 stream 2                                |
+//! | station          | PB14, PB15               | USART1; DMA2 streams 7 and 5                        |
 //! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11                     |
 //! | status LED       | PE3, low is on           | GPIO                                                |
+//! | parameters       | none                     | the last two sectors of flash                       |
 //! | crystal          | 8 MHz                    | PLL, 400 MHz                                        |
 //! | probe            | PA13, PA14               | SWD: nothing else may claim them                    |
 //! | clock            | none                     | TIM5 (`Cargo.toml`, `time-driver-tim5`)             |
@@ -20,15 +22,19 @@
 //!
 //! # Source
 //! Betaflight's `configs/ORBITH743/config.h`, repository `betaflight/config`: MOTOR1_PIN to MOTOR4_PIN, GYRO_1_*,
-//! UART2_RX_PIN, I2C4_*, BARO_I2C_INSTANCE, UART6_*, UART7_RX_PIN, ADC_VBAT_PIN, LED0_PIN. It names no ports for receivers
+//! UART1_*, UART2_RX_PIN, I2C4_*, BARO_I2C_INSTANCE, UART6_*, UART7_RX_PIN, ADC_VBAT_PIN, LED0_PIN. It names no ports for receivers
 //! and vision: which are taken is ours. Crystal and divider are Betaflight's defaults, which the file leaves.
+use core::ops::Range;
+
 use embassy_embedded_hal::adapter::BlockingAsync;
 use embassy_stm32::adc::{Adc, AdcChannel, SampleTime};
 use embassy_stm32::exti::{self, ExtiInput};
+use embassy_stm32::flash::{Bank2Region, Blocking as StoreMode, Flash};
 use embassy_stm32::gpio::{AnyPin, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::i2c::{self, I2c};
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH1, DMA1_CH2, DMA1_CH5, DMA1_CH6, DMA2_CH0, DMA2_CH3};
+use embassy_stm32::peripherals::{DMA2_CH5, DMA2_CH7, USART1};
 use embassy_stm32::peripherals::{I2C4, IWDG1, PD12, PD13, TIM4, UART7, USART2, USART6};
 use embassy_stm32::spi::Spi;
 use embassy_stm32::time::Hertz;
@@ -43,7 +49,10 @@ use firmware::icm42688::Mount;
 use firmware::{crsf, pose, ubx};
 
 use super::bank::Bank;
-use super::{Battery, Board, Buffers, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensors_config};
+use super::{
+    Battery, Board, Buffers, STATION_BAUD, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensors_config,
+    store,
+};
 use crate::gnss;
 use crate::motors::Protocol;
 
@@ -61,12 +70,17 @@ pub(super) const BATTERY_BITS_BEYOND_12: u32 = 4;
 pub(crate) const IMU_MOUNT: Mount = [(1, false), (0, false), (2, true)];
 /// The status LED is on when its pin is low.
 pub(crate) const STATUS_ON: Level = Level::Low;
+/// The region of flash that ends with the parameters.
+pub(super) type StoreRegion = Bank2Region<'static, StoreMode>;
+/// The parameters' two sectors within it; the memory map leaves them out.
+pub(super) const STORE: Range<u32> = 0xc_0000..0x10_0000;
 /// The independent watchdog.
 pub(super) type WatchdogUnit = IWDG1;
 
 bind_interrupts!(pub(crate) struct Irqs {
     EXTI4 => exti::InterruptHandler<interrupt::typelevel::EXTI4>;
     UART7 => usart::InterruptHandler<UART7>;
+    USART1 => usart::InterruptHandler<USART1>;
     USART2 => usart::InterruptHandler<USART2>;
     USART6 => usart::InterruptHandler<USART6>;
     DMA1_STREAM0 => dma::InterruptHandler<DMA1_CH0>;
@@ -76,6 +90,8 @@ bind_interrupts!(pub(crate) struct Irqs {
     DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
     DMA2_STREAM0 => dma::InterruptHandler<DMA2_CH0>;
     DMA2_STREAM3 => dma::InterruptHandler<DMA2_CH3>;
+    DMA2_STREAM7 => dma::InterruptHandler<DMA2_CH7>;
+    DMA2_STREAM5 => dma::InterruptHandler<DMA2_CH5>;
 });
 
 /// How long a transfer on the slow sensors' bus may hold up what runs below control.
@@ -131,6 +147,10 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
         vision: UartRx::new(p.UART7, p.PE7, p.DMA1_CH2, Irqs, line_config(pose::BAUD))
             .expect("the baud rate is within the port's range")
             .into_ring_buffered(&mut buffers.vision),
+        station: Uart::new(p.USART1, p.PB15, p.PB14, p.DMA2_CH7, p.DMA2_CH5, Irqs, line_config(STATION_BAUD))
+            .expect("the baud rate is within the port's range")
+            .split(),
+        store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank2_region),
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PE3, Level::High, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG1, WATCHDOG_US),

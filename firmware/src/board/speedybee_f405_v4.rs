@@ -11,8 +11,10 @@
 //! | DPS310 or SPL06, magnetometer | PB8, PB9    | I2C1; DMA1 streams 7 and 0                          |
 //! | GNSS receiver    | PC6, PC7                 | USART6; DMA2 streams 6 and 1                        |
 //! | vision           | PA10                     | USART1; DMA2 stream 2                               |
+//! | station          | PC10, PC11               | USART3; DMA1 streams 3 and 1                        |
 //! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11                     |
 //! | status LED       | PC13, low is on          | GPIO                                                |
+//! | parameters       | none                     | the last two sectors of flash                       |
 //! | crystal          | 8 MHz                    | PLL, 168 MHz                                        |
 //! | probe            | PA13, PA14               | SWD: nothing else may claim them                    |
 //! | clock            | none                     | TIM5 (`Cargo.toml`, `time-driver-tim5`)             |
@@ -20,14 +22,18 @@
 //!
 //! # Source
 //! Betaflight's `configs/SPEEDYBEEF405V4/config.h`, repository `betaflight/config`: MOTOR1_PIN to MOTOR4_PIN,
-//! GYRO_1_*, UART2_RX_PIN and SERIALRX_UART, I2C1_*, BARO_I2C_INSTANCE and MAG_I2C_INSTANCE, UART6_*, UART1_RX_PIN,
+//! GYRO_1_*, UART3_*, UART2_RX_PIN and SERIALRX_UART, I2C1_*, BARO_I2C_INSTANCE and MAG_I2C_INSTANCE, UART6_*, UART1_RX_PIN,
 //! ADC_VBAT_PIN, LED0_PIN, SYSTEM_HSE_MHZ, GYRO_1_ALIGN. The divider is Betaflight's default scale, 110, which the file leaves;
 //! which of the free ports is for what is ours.
+use core::ops::Range;
+
 use embassy_stm32::adc::{Adc, AdcChannel, SampleTime};
 use embassy_stm32::exti::{self, ExtiInput};
+use embassy_stm32::flash::{Bank1Region3, Blocking as StoreMode, Flash};
 use embassy_stm32::gpio::{AnyPin, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::i2c::{self, I2c};
 use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH2, DMA1_CH5, DMA1_CH6, DMA1_CH7};
+use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH3, USART3};
 use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH1, DMA2_CH2, DMA2_CH3, DMA2_CH6};
 use embassy_stm32::peripherals::{I2C1, IWDG, PB8, PB9, TIM3, TIM4, USART1, USART2, USART6};
 use embassy_stm32::spi::Spi;
@@ -42,7 +48,10 @@ use firmware::icm42688::Mount;
 use firmware::{crsf, dshot, pose, ubx};
 
 use super::bank::Bank;
-use super::{Battery, Board, Buffers, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensor_bus};
+use super::{
+    Battery, Board, Buffers, STATION_BAUD, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensor_bus,
+    store,
+};
 use crate::gnss;
 use crate::motors::Protocol;
 
@@ -60,6 +69,10 @@ pub(super) const BATTERY_BITS_BEYOND_12: u32 = 0;
 pub(crate) const IMU_MOUNT: Mount = [(1, false), (0, false), (2, true)];
 /// The status LED is on when its pin is low.
 pub(crate) const STATUS_ON: Level = Level::Low;
+/// The region of flash that ends with the parameters.
+pub(super) type StoreRegion = Bank1Region3<'static, StoreMode>;
+/// The parameters' two sectors within it; the memory map leaves them out.
+pub(super) const STORE: Range<u32> = 0xa_0000..0xe_0000;
 /// The independent watchdog.
 pub(super) type WatchdogUnit = IWDG;
 
@@ -68,6 +81,7 @@ bind_interrupts!(pub(crate) struct Irqs {
     I2C1_EV => i2c::EventInterruptHandler<I2C1>;
     I2C1_ER => i2c::ErrorInterruptHandler<I2C1>;
     USART1 => usart::InterruptHandler<USART1>;
+    USART3 => usart::InterruptHandler<USART3>;
     USART2 => usart::InterruptHandler<USART2>;
     USART6 => usart::InterruptHandler<USART6>;
     DMA1_STREAM0 => dma::InterruptHandler<DMA1_CH0>;
@@ -80,6 +94,8 @@ bind_interrupts!(pub(crate) struct Irqs {
     DMA2_STREAM2 => dma::InterruptHandler<DMA2_CH2>;
     DMA2_STREAM3 => dma::InterruptHandler<DMA2_CH3>;
     DMA2_STREAM6 => dma::InterruptHandler<DMA2_CH6>;
+    DMA1_STREAM3 => dma::InterruptHandler<DMA1_CH3>;
+    DMA1_STREAM1 => dma::InterruptHandler<DMA1_CH1>;
 });
 
 sensor_bus!(I2C1, PB8, PB9, DMA1_CH7, DMA1_CH0);
@@ -145,6 +161,10 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
         vision: UartRx::new(p.USART1, p.PA10, p.DMA2_CH2, Irqs, line_config(pose::BAUD))
             .expect("the baud rate is within the port's range")
             .into_ring_buffered(&mut buffers.vision),
+        station: Uart::new(p.USART3, p.PC11, p.PC10, p.DMA1_CH3, p.DMA1_CH1, Irqs, line_config(STATION_BAUD))
+            .expect("the baud rate is within the port's range")
+            .split(),
+        store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region3),
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PC13, Level::High, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG, WATCHDOG_US),

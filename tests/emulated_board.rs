@@ -1,0 +1,273 @@
+//! What befalls the board: power that is cut while it stores, parts that fail, programs that stop. On the emulator, in the image
+//! that is flashed.
+//!
+//! Needs cmake and libclang (`cargo xtask setup`), and so a feature: `cargo test --features emulated --test emulated_board`.
+use control_core::parameters::{Declaration, TABLE, index_of};
+use embassy_futures::block_on;
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+use firmware::stored::{PAGE, Stored};
+use flight_link::{Decoder, FRAME_BYTES_MAX, Outcome, ParameterName, Record, encode};
+use sim_host::emulator::{Emulator, Mishap, Motion};
+use std::collections::BTreeSet;
+use std::convert::Infallible;
+use system_tests::aloft::SAMPLE_HZ;
+
+/// The parameters' sectors (firmware/src/board/speedybee_f405_v4.rs).
+const SECTORS: u32 = 0x080c_0000;
+const SECTOR_BYTES: usize = 128 * 1024;
+const REST: Motion = Motion { force_m_s2: [0.0, 0.0, -9.81], rate_rad_s: [0.0; 3] };
+
+/// Two sectors of an STM32F405's flash.
+#[derive(Clone)]
+struct Sectors(Vec<u8>);
+
+impl ErrorType for Sectors {
+    type Error = Infallible;
+}
+
+impl ReadNorFlash for Sectors {
+    const READ_SIZE: usize = 1;
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Infallible> {
+        bytes.copy_from_slice(&self.0[offset as usize..][..bytes.len()]);
+        Ok(())
+    }
+    fn capacity(&self) -> usize {
+        self.0.len()
+    }
+}
+
+impl NorFlash for Sectors {
+    const WRITE_SIZE: usize = 4;
+    const ERASE_SIZE: usize = SECTOR_BYTES;
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), Infallible> {
+        self.0[from as usize..to as usize].fill(0xff);
+        Ok(())
+    }
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Infallible> {
+        self.0[offset as usize..][..bytes.len()].copy_from_slice(bytes);
+        Ok(())
+    }
+}
+
+impl Sectors {
+    /// As a factory leaves them.
+    fn erased() -> Self {
+        Self(vec![0xff; 2 * SECTOR_BYTES])
+    }
+
+    /// As the image's own code leaves them after these saves, each of a parameter and a value.
+    fn after(saves: impl IntoIterator<Item = (&'static str, f32)>) -> Self {
+        let mut sectors = Self::erased();
+        let range = 0..2 * SECTOR_BYTES as u32;
+        let mut stored = Stored::try_new(Shared(&mut sectors), range).expect("two sectors");
+        for (name, value) in saves {
+            block_on(stored.save(declared(name), value)).expect("there is room");
+        }
+        drop(stored);
+        sectors
+    }
+}
+
+/// Sectors that are lent.
+struct Shared<'a>(&'a mut Sectors);
+
+impl ErrorType for Shared<'_> {
+    type Error = Infallible;
+}
+
+impl ReadNorFlash for Shared<'_> {
+    const READ_SIZE: usize = 1;
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Infallible> {
+        self.0.read(offset, bytes).await
+    }
+    fn capacity(&self) -> usize {
+        self.0.capacity()
+    }
+}
+
+impl NorFlash for Shared<'_> {
+    const WRITE_SIZE: usize = 4;
+    const ERASE_SIZE: usize = SECTOR_BYTES;
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), Infallible> {
+        self.0.erase(from, to).await
+    }
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Infallible> {
+        self.0.write(offset, bytes).await
+    }
+}
+
+fn declared(name: &str) -> &'static Declaration {
+    &TABLE[index_of(name).expect("it is declared")]
+}
+
+fn padded(name: &str) -> ParameterName {
+    std::array::from_fn(|n| name.as_bytes().get(n).copied().unwrap_or(0))
+}
+
+/// A board on a desk, and a station at its line.
+struct Desk {
+    emulator: Emulator,
+    decoder: Decoder,
+    log: String,
+}
+
+impl Desk {
+    /// Switched on with these sectors.
+    fn with(sectors: &Sectors) -> Self {
+        let mut desk = Self {
+            emulator: Emulator::start().expect("emulator and image build"),
+            decoder: Decoder::new(),
+            log: String::new(),
+        };
+        desk.emulator.move_body(&REST);
+        desk.emulator.fill_flash(SECTORS, &sectors.0);
+        desk.pass(1);
+        desk
+    }
+
+    /// Switched off, and on again with these sectors.
+    fn restart_with(&mut self, sectors: &Sectors) {
+        self.emulator.fill_flash(SECTORS, &sectors.0);
+        self.restart();
+    }
+
+    fn restart(&mut self) {
+        self.emulator.inflict(Mishap::PowerCut);
+        // The rest of this period, and the boot.
+        self.pass(2);
+    }
+
+    /// Lets periods of the inertial unit pass.
+    fn pass(&mut self, periods: u32) {
+        for _ in 0..periods {
+            let answer = self.emulator.period().expect("the image runs");
+            if !answer.log.is_empty() {
+                self.log += &answer.log;
+                self.log.push('\n');
+            }
+        }
+    }
+
+    /// Says something, and waits for an answer, but no longer than a second or until the next start.
+    fn ask(&mut self, wish: &Record) -> Option<(f32, Outcome)> {
+        let mut place = [0; FRAME_BYTES_MAX];
+        self.emulator.send_station(encode(wish, &mut place).expect("it fits"));
+        let boots = self.boots();
+        for _ in 0..SAMPLE_HZ {
+            self.pass(1);
+            let (_, heard) = self.emulator.station_heard().expect("the image runs");
+            let answer = heard.into_iter().filter_map(|byte| self.decoder.push(byte)).last();
+            if let Some(Record::Parameter(_, value, outcome)) = answer {
+                return Some((value, outcome));
+            }
+            if self.boots() > boots {
+                self.pass(1);
+                break;
+            }
+        }
+        None
+    }
+
+    /// Waits until it has loaded its parameters, once more.
+    fn pass_boot(&mut self) {
+        let boots = self.boots();
+        // Erasing takes a second a sector.
+        for _ in 0..6 * SAMPLE_HZ {
+            self.pass(1);
+            if self.boots() > boots {
+                // The controller is designed: 120 ms.
+                return self.pass(300);
+            }
+        }
+        panic!("it does not start: {}", self.log);
+    }
+
+    /// How often the log, since it was cleared, says that parameters were loaded.
+    fn boots(&self) -> usize {
+        self.log.matches("parameters are set").count()
+    }
+
+    fn power_cuts(&mut self) -> u32 {
+        self.emulator.station_heard().expect("the image runs").0
+    }
+
+    fn set(&mut self, name: &str, value: f32) -> Option<Outcome> {
+        self.ask(&Record::SetParameter(padded(name), value)).map(|(_, outcome)| outcome)
+    }
+
+    fn get(&mut self, name: &str) -> f32 {
+        let said = self.ask(&Record::GetParameter(padded(name)));
+        said.unwrap_or_else(|| panic!("{name}: no answer; {}", self.log)).0
+    }
+}
+
+/// What a save must not touch.
+const KEPT: (&str, f32) = ("STICK_EXPO", 0.45);
+/// What it changes, from and to, and what is saved afterwards.
+const SAVED: (&str, [f32; 3]) = ("FS_LINK_S", [0.75, 1.25, 2.5]);
+
+/// Saves a value over and over on the same sectors, power being cut before, or within, one operation of the flash after the
+/// other, and looks at what is there after the restart. Returns how many operations a save has, and which values were found.
+fn save_with_every_cut(sectors: &Sectors) -> (u32, BTreeSet<u32>) {
+    std::thread::scope(|scope| {
+        let flights = [false, true].map(|within| scope.spawn(move || save_with_cuts(sectors, within)));
+        let [before, within] = flights.map(|flight| flight.join().expect("what was found is as it must be"));
+        assert_eq!(before.0, within.0);
+        (before.0, &before.1 | &within.1)
+    })
+}
+
+fn save_with_cuts(sectors: &Sectors, within: bool) -> (u32, BTreeSet<u32>) {
+    let (name, [before, after, later]) = SAVED;
+    let mut desk = Desk::with(sectors);
+    let mut found = BTreeSet::new();
+    for whole in 0.. {
+        let why = format!("cut after {whole} operations, the next {}", if within { "in part" } else { "not at all" });
+        desk.restart_with(sectors);
+        let cuts = desk.power_cuts();
+        desk.log.clear();
+        desk.emulator.cut_power_at(whole, within);
+        if desk.set(name, after) == Some(Outcome::Restarting) {
+            desk.pass_boot();
+        }
+        if desk.power_cuts() == cuts {
+            assert_eq!(desk.get(name), after);
+            return (whole, found);
+        }
+        let value = desk.get(name);
+        assert!(value == before || value == after, "{why}: {value}");
+        assert_eq!(desk.get(KEPT.0), KEPT.1, "{why}");
+        found.insert(value.to_bits());
+        // And it goes on working, which takes its time to see.
+        if whole % 8 > 0 {
+            continue;
+        }
+        match desk.set(name, later) {
+            Some(Outcome::Stored) => {}
+            Some(Outcome::Restarting) => desk.pass_boot(),
+            other => panic!("{why}: {other:?}; {}", desk.log),
+        }
+        desk.restart();
+        assert_eq!((desk.get(name), desk.get(KEPT.0)), (later, KEPT.1), "{why}");
+    }
+    unreachable!("a save ends")
+}
+
+#[test]
+fn power_cut_at_any_operation_of_a_save_leaves_the_old_value_or_the_new_one() {
+    let (operations, found) = save_with_every_cut(&Sectors::after([KEPT, (SAVED.0, SAVED.1[0])]));
+    println!("{operations} operations, {found:?} found");
+    assert!(operations >= 8, "header, key and value are {operations} words");
+    assert_eq!(found, BTreeSet::from([SAVED.1[0].to_bits()]), "until its last word is whole, the old one counts");
+}
+
+#[test]
+fn so_does_power_cut_while_a_full_sector_is_left_for_the_other() {
+    // Saves until none fits any more: 32 bytes an item.
+    let last = PAGE / 32 - 3;
+    let filling = (0..=last).map(|n| (SAVED.0, if n == last { SAVED.1[0] } else { 0.5 }));
+    let (operations, found) = save_with_every_cut(&Sectors::after([KEPT].into_iter().chain(filling)));
+    println!("{operations} operations, {found:?} found");
+    assert!(operations >= 30, "two items are moved, a sector erased, an item written: {operations} operations");
+    assert!(found.contains(&SAVED.1[0].to_bits()), "before its last word, the old one counts");
+}
