@@ -10,7 +10,7 @@ use flight_link::{Decoder, FRAME_BYTES_MAX, Outcome, ParameterName, Record, enco
 use sim_host::emulator::{Emulator, Mishap, Motion};
 use std::collections::BTreeSet;
 use std::convert::Infallible;
-use system_tests::aloft::SAMPLE_HZ;
+use system_tests::aloft::{Aloft, Hands, SAMPLE_HZ};
 
 /// The parameters' sectors (firmware/src/board/speedybee_f405_v4.rs).
 const SECTORS: u32 = 0x080c_0000;
@@ -270,4 +270,90 @@ fn so_does_power_cut_while_a_full_sector_is_left_for_the_other() {
     println!("{operations} operations, {found:?} found");
     assert!(operations >= 30, "two items are moved, a sector erased, an item written: {operations} operations");
     assert!(found.contains(&SAVED.1[0].to_bits()), "before its last word, the old one counts");
+}
+
+#[test]
+fn noise_on_the_stations_line_costs_the_frame_it_hits_and_no_more() {
+    let mut desk = Desk::with(&Sectors::erased());
+    let noise: Vec<u8> = (0..250_u32).map(|n| (n.wrapping_mul(2_654_435_761) >> 21) as u8).collect();
+    desk.emulator.send_station(&noise);
+    desk.pass(100);
+    // What is left of the noise and this are one frame, which is wrong.
+    desk.ask(&Record::GetParameter(padded(KEPT.0)));
+    assert_eq!(desk.get(KEPT.0), declared(KEPT.0).default);
+}
+
+/// What the motors did after a mishap while they idled.
+struct After {
+    /// How long they were told the same as before it, s.
+    held_s: f64,
+    /// How long frames let them turn, s.
+    turned_s: f64,
+    /// Longest time without an inertial sample that was believed, s.
+    blind_s: f64,
+    log: String,
+}
+
+/// Armed on the ground, rotors idling; then `mishap`, and a second.
+fn idling_then(mishap: Mishap) -> After {
+    let mut aloft = Aloft::on_the_ground();
+    while aloft.time_s() < 7.0 {
+        aloft.step(&Hands { arm: aloft.time_s() > 6.0, ..Hands::default() });
+    }
+    let before = aloft.answer.told;
+    assert!(before.iter().all(|told| told.is_some_and(|told| told >= 48)), "{before:?}");
+    aloft.inflict(mishap);
+    let mut after = After { held_s: 0.0, turned_s: 0.0, blind_s: 0.0, log: String::new() };
+    let (mut frames, mut sampled_s, mut holds) = (aloft.answer.understood[0], 7.0, true);
+    while aloft.time_s() < 8.0 {
+        aloft.step(&Hands { arm: true, ..Hands::default() });
+        let (answer, now_s) = (&aloft.answer, aloft.time_s());
+        after.log += &answer.log;
+        if answer.record.is_none_or(|record| record.arrived.measurements.imu.is_some()) {
+            sampled_s = now_s;
+        }
+        after.blind_s = after.blind_s.max(now_s - sampled_s);
+        holds &= answer.told == before;
+        after.held_s = if holds { now_s - 7.0 } else { after.held_s };
+        if answer.understood[0] > frames && answer.told.iter().flatten().any(|&told| told > 0) {
+            after.turned_s = now_s - 7.0;
+        }
+        frames = answer.understood[0];
+    }
+    println!("{mishap:?}: held {:.4} s, turned {:.4} s, blind {:.4} s", after.held_s, after.turned_s, after.blind_s);
+    after
+}
+
+#[test]
+fn without_its_data_ready_line_the_inertial_unit_is_read_by_time_and_flown_on() {
+    let After { turned_s, blind_s, log, .. } = idling_then(Mishap::NoDataReady);
+    assert!(turned_s > 0.99, "{turned_s} s");
+    assert!(blind_s < 0.003, "{blind_s} s");
+    assert!(log.contains("data-ready line: silent true") && !log.contains("watchdog"), "{log}");
+}
+
+#[test]
+fn an_inertial_unit_that_says_nothing_or_anything_is_not_believed_and_the_motors_stop() {
+    for mishap in [Mishap::AllZeros, Mishap::AllOnes, Mishap::Garbage] {
+        let After { turned_s, blind_s, log, .. } = idling_then(mishap);
+        // They go on as they were told, and stop when the autopilot has had no rates for 0.1 s.
+        assert!(turned_s <= 0.13, "{mishap:?}: {turned_s} s");
+        assert!(blind_s > 0.9, "{mishap:?}: {blind_s} s");
+        assert!(!log.contains("watchdog"), "{mishap:?}: {log}");
+    }
+}
+
+#[test]
+fn a_panic_cuts_the_motors_at_once_and_its_words_are_reported_after_the_reset() {
+    let After { turned_s, log, .. } = idling_then(Mishap::Panic);
+    assert!(turned_s <= 0.001, "{turned_s} s");
+    let words = "before this start: panicked at injected:1:1:\nindex out of bounds: the len is 4 but the index is 7";
+    assert!(log.contains(words) && log.contains("the watchdog has reset the chip"), "{log}");
+}
+
+#[test]
+fn a_supply_that_drops_stops_the_motors_and_is_told_of() {
+    let After { turned_s, log, .. } = idling_then(Mishap::BrownOut);
+    assert!(turned_s <= 0.001, "{turned_s} s");
+    assert!(log.contains("the supply was too low") && !log.contains("the watchdog"), "{log}");
 }

@@ -4,8 +4,11 @@
 //! ω = raw · 2000 °/s / 2¹⁵        f = raw · 16 g / 2¹⁵
 //! ```
 //!
-//! One burst of [`BURST`] bytes a data-ready edge reads temperature, accelerometer and gyro. A driver from the shelf reads
+//! One burst of [`BURST`] bytes reads temperature, accelerometer, gyro and whether they are new. A driver from the shelf reads
 //! the part's FIFO instead, which costs a second transfer a sample and says no more.
+//!
+//! A line that stays high or low, and most of what a broken part may say, is no sample: the status must say *new*, with none
+//! of the bits that cannot be set, and the temperature be one the part is made for.
 //!
 //! # Source
 //! TDK DS-000347 rev 1.6, "ICM-42688-P datasheet": 4.10 and 14 for the registers, 3.1 and 3.2 for the scales.
@@ -46,8 +49,15 @@ pub const SETUP: [(u8, u8); 7] = [
     (0x4e, 0x0f),
 ];
 
-/// First register of the burst, and bytes of a transfer with its address.
-pub const BURST: (u8, usize) = (0x1d, 15);
+/// First register of the burst, and bytes of a transfer with its address: up to INT_STATUS, which is cleared by it.
+pub const BURST: (u8, usize) = (0x1d, 18);
+
+/// Of INT_STATUS: a sample is new; and that bit with those that no sample has: reserved, FSYNC, FIFO full.
+const NEW: (u8, u8) = (0x08, 0x08 | 0x80 | 0x40 | 0x02);
+/// Temperatures that the part is made for, °C; its counts a degree, and its zero.
+const TEMPERATURE_C: (f32, f32) = (-40.0, 85.0);
+const COUNTS_C: f32 = 132.48;
+const ZERO_C: f32 = 25.0;
 
 const RATE_RAD_S: f32 = 2_000.0 / 180.0 * PI / 32_768.0;
 const FORCE_M_S2: f32 = 16.0 * GRAVITY_M_S2 / 32_768.0;
@@ -57,9 +67,13 @@ const NOTHING: i16 = i16::MIN;
 /// How the part is soldered: for each body axis, forward, right and down, the part's axis and whether it points the other way.
 pub type Mount = [(usize, bool); 3];
 
-/// What a burst says, its first byte being what came while the address was sent; none while the part has no sample yet.
+/// What a burst says, its first byte being what came while the address was sent; none while the part has no new sample.
 pub fn sample(burst: &[u8; BURST.1], mount: &Mount) -> Option<Imu> {
     let word = |at: usize| i16::from_be_bytes([burst[at], burst[at + 1]]);
+    let temperature_c = f32::from(word(1)) / COUNTS_C + ZERO_C;
+    if burst[BURST.1 - 1] & NEW.1 != NEW.0 || !(TEMPERATURE_C.0..=TEMPERATURE_C.1).contains(&temperature_c) {
+        return None;
+    }
     // After the temperature.
     let force = [word(3), word(5), word(7)];
     let rate = [word(9), word(11), word(13)];
@@ -86,7 +100,8 @@ mod tests {
     const STRAIGHT: Mount = [(0, false), (1, false), (2, false)];
 
     fn burst(force: [i16; 3], rate: [i16; 3]) -> [u8; BURST.1] {
-        let mut bytes = [0xff; BURST.1];
+        let mut bytes = [0; BURST.1];
+        bytes[BURST.1 - 1] = NEW.0;
         for (n, word) in force.into_iter().chain(rate).enumerate() {
             bytes[3 + 2 * n..5 + 2 * n].copy_from_slice(&word.to_be_bytes());
         }
@@ -110,6 +125,19 @@ mod tests {
         assert_eq!(raw(imu.rate_rad_s.x, RATE_RAD_S), 5.0);
         assert_eq!(raw(imu.rate_rad_s.y, RATE_RAD_S), 4.0);
         assert_eq!(raw(imu.specific_force_m_s2.z, FORCE_M_S2), -3.0);
+    }
+
+    #[test]
+    fn a_line_that_stays_where_it_is_says_nothing_nor_does_a_sample_that_is_old_or_from_the_oven() {
+        assert_eq!(sample(&[0; BURST.1], &STRAIGHT), None);
+        assert_eq!(sample(&[0xff; BURST.1], &STRAIGHT), None);
+        let good = burst([1, 2, 3], [4, 5, 6]);
+        assert!(sample(&good, &STRAIGHT).is_some());
+        for (at, byte) in [(BURST.1 - 1, 0), (BURST.1 - 1, 0x88), (BURST.1 - 1, 0x0a), (1, 0x7f), (1, 0x80)] {
+            let mut bad = good;
+            bad[at] = byte;
+            assert_eq!(sample(&bad, &STRAIGHT), None, "{byte:#04x} at {at}");
+        }
     }
 
     #[test]

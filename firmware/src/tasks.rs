@@ -52,8 +52,6 @@ pub(crate) type Newest<T> = Signal<CriticalSectionRawMutex, Stamped<T>>;
 static PILOT: Newest<PilotInput> = Signal::new();
 static BATTERY_V: Newest<f32> = Signal::new();
 
-/// Time after which a step is made without an inertial sample: three of its periods.
-const IMU_WAIT: Duration = Duration::from_micros((3e6 / SAMPLE_HZ) as u64);
 /// Time within which a step must be done, once it has begun: its period.
 const STEP_US_MAX: u64 = (1e6 / SAMPLE_HZ) as u64;
 /// Bytes of the station that may wait: two frames.
@@ -69,10 +67,13 @@ pub(crate) fn start(spawner: Spawner) {
     let buffers = singleton!(: Buffers = BUFFERS).expect("start runs once");
     let board = board::init(buffers);
     let Board { motors, imu_bus, imu_select, imu_ready, radio, sensors, gnss, vision, battery, .. } = board;
-    let Board { station, mut store, status, watchdog, bitten, .. } = board;
+    let Board { station, mut store, status, watchdog, bitten, browned_out, .. } = board;
     start_cycle_counter();
     defmt::info!("{=str}", board::NAME);
     fault::report();
+    if browned_out {
+        defmt::error!("the supply was too low: the chip has started anew");
+    }
     if bitten {
         defmt::error!("the watchdog has reset the chip: no step was done in time, or a fault had stopped all");
     }
@@ -122,9 +123,9 @@ async fn control(
     let (mut number, mut late) = (0_u32, false);
     watchdog.unleash();
     loop {
-        let ready = imu.wait(IMU_WAIT).await;
+        imu.wait().await;
         let (time_us, started) = (now_us(), DWT::cycle_count());
-        let measurements = read(&mut imu, ready, time_us).await;
+        let measurements = read(&mut imu, time_us).await;
         let arrived = Arrived {
             measurements,
             pilot: PILOT.try_take(),
@@ -155,8 +156,8 @@ async fn control(
 }
 
 /// Everything that the sensors have said since the last look.
-async fn read(imu: &mut Imu, ready: bool, time_us: u64) -> Measurements {
-    let value = if ready { imu.read().await } else { None };
+async fn read(imu: &mut Imu, time_us: u64) -> Measurements {
+    let value = imu.read().await;
     Measurements {
         imu: value.map(|value| Stamped { time_us, value }),
         battery_v: BATTERY_V.try_take(),

@@ -89,9 +89,11 @@ impl Chip {
             }
             Unit::Usart(n) => {
                 self.usart[n].event(t);
-                let sent = std::mem::take(&mut self.usart[n].sent);
-                if n == board::GNSS && self.usart[n].is_speed(board::bit_cycles(self.board.gnss.baud), t) {
-                    self.tell_receiver(&sent);
+                if n == board::GNSS {
+                    let sent = std::mem::take(&mut self.usart[n].sent);
+                    if self.usart[n].is_speed(board::bit_cycles(self.board.gnss.baud), t) {
+                        self.tell_receiver(&sent);
+                    }
                 }
             }
             Unit::I2c(n) if n == board::SENSORS => {

@@ -146,6 +146,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
     let first = SimplePwm::new(p.TIM1, Some(m2), Some(m1), None, None, rate, up);
     let second = SimplePwm::new(p.TIM8, None, None, Some(m4), Some(m3), rate, up);
     let gnss = Uart::new(p.UART4, p.PA1, p.PA0, p.DMA1_CH4, p.DMA1_CH2, Irqs, line_config(ubx::BAUD));
+    let (bitten, browned_out) = take_causes();
     Board {
         motors: MotorPins {
             first: Bank { timer: first, dma: p.DMA2_CH5, channels: [Ch1, Ch2] },
@@ -169,15 +170,17 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PC15, Level::High, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG, WATCHDOG_US),
-        bitten: take_bitten(),
+        bitten,
+        browned_out,
     }
 }
 
-/// Whether the watchdog has caused this start; the flag that says so is cleared.
-fn take_bitten() -> bool {
-    let bitten = pac::RCC.csr().read().wdgrstf();
+/// Whether the watchdog, or a supply that was too low, has caused this start; the flags that say so are cleared.
+fn take_causes() -> (bool, bool) {
+    let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
-    bitten
+    // Switching on raises the flag of the supply too.
+    (flags.wdgrstf(), flags.borrstf() && !flags.porrstf())
 }
 
 /// 216 MHz from the 8 MHz crystal; 48 MHz for USB.

@@ -81,6 +81,8 @@ pub(crate) struct Board {
     pub(crate) watchdog: Watchdog,
     /// Whether the watchdog has caused this start.
     pub(crate) bitten: bool,
+    /// Whether a supply that was too low has, without being gone.
+    pub(crate) browned_out: bool,
 }
 
 /// The independent watchdog.

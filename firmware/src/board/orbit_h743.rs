@@ -134,6 +134,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
     let (rate, up) = (Hertz(PROTOCOL.timer_hz()), CountingMode::EdgeAlignedUp);
     let timer = SimplePwm::new(p.TIM4, Some(m1), Some(m2), Some(m3), Some(m4), rate, up);
     let gnss = Uart::new(p.USART6, p.PC7, p.PC6, p.DMA1_CH0, p.DMA1_CH1, Irqs, line_config(ubx::BAUD));
+    let (bitten, browned_out) = take_causes();
     Board {
         motors: Bank { timer, dma: p.DMA1_CH6, channels: [Ch1, Ch2, Ch3, Ch4] },
         imu_bus: Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA2_CH3, p.DMA2_CH0, Irqs, imu_bus_config()),
@@ -154,15 +155,17 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PE3, Level::High, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG1, WATCHDOG_US),
-        bitten: take_bitten(),
+        bitten,
+        browned_out,
     }
 }
 
-/// Whether the watchdog has caused this start; the flag that says so is cleared.
-fn take_bitten() -> bool {
-    let bitten = pac::RCC.rsr().read().iwdg1rstf();
+/// Whether the watchdog, or a supply that was too low, has caused this start; the flags that say so are cleared.
+fn take_causes() -> (bool, bool) {
+    let flags = pac::RCC.rsr().read();
     pac::RCC.rsr().modify(|w| w.set_rmvf(true));
-    bitten
+    // Switching on raises the flag of the supply too.
+    (flags.iwdg1rstf(), flags.borrstf() && !flags.porrstf())
 }
 
 /// 400 MHz from the 8 MHz crystal, half of it for the buses, a quarter for the peripherals.

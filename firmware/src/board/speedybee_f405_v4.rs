@@ -145,6 +145,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
     let first = SimplePwm::new(p.TIM4, Some(m1), Some(m2), None, None, rate, up);
     let second = SimplePwm::new(p.TIM3, None, None, Some(m3), Some(m4), rate, up);
     let gnss = Uart::new(p.USART6, p.PC7, p.PC6, p.DMA2_CH6, p.DMA2_CH1, Irqs, line_config(ubx::BAUD));
+    let (bitten, browned_out) = take_causes();
     Board {
         motors: MotorPins {
             first: Bank { timer: first, dma: p.DMA1_CH6, channels: [Ch1, Ch2] },
@@ -168,15 +169,17 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PC13, Level::High, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG, WATCHDOG_US),
-        bitten: take_bitten(),
+        bitten,
+        browned_out,
     }
 }
 
-/// Whether the watchdog has caused this start; the flag that says so is cleared.
-fn take_bitten() -> bool {
-    let bitten = pac::RCC.csr().read().wdgrstf();
+/// Whether the watchdog, or a supply that was too low, has caused this start; the flags that say so are cleared.
+fn take_causes() -> (bool, bool) {
+    let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
-    bitten
+    // Switching on raises the flag of the supply too.
+    (flags.wdgrstf(), flags.borrstf() && !flags.porrstf())
 }
 
 /// 168 MHz from the 8 MHz crystal; 48 MHz for USB.
