@@ -63,7 +63,6 @@ impl Sectors {
         for (name, value) in saves {
             block_on(stored.save(declared(name), value)).expect("there is room");
         }
-        drop(stored);
         sectors
     }
 }

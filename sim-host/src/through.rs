@@ -7,7 +7,7 @@
 //!
 //! Scenario, sensors, faults and metrics are those of every sortie; a tick is a sample of the image's inertial unit. Samples reach
 //! the image as its parts would tell them, quantised by their registers. What the image believes is read of the host's
-//! [`Twin`], which is given what the image has decoded and must decide the same to the bit.
+//! `Twin`, which is given what the image has decoded and must decide the same to the bit.
 use crate::aboard::HELD_S;
 use crate::emulator::{Answer, Emulator, EmulatorError};
 use crate::flight::{Ending, Flight, Sample};

@@ -8,7 +8,7 @@
 //! ground the feet make up what the rotors do not, and 1 g is felt whatever they do. No altitude is needed to tell.
 //!
 //! What the ground does to the body looks like lost rotors. So it is suspected at once where it seems to bear the machine, and for
-//! [`JOLT_S`] after a jolt, felt without a turn, that the rotors did not make.
+//! `JOLT_S` after a jolt, felt without a turn, that the rotors did not make.
 //!
 //! A machine without a rotor never keeps still on its feet. It stands, too, if it is to come down and does not: its setpoint is well
 //! below it, and it does not sink.
