@@ -14,6 +14,8 @@ const PERIOD_US: u64 = 500;
 /// Samples between two fixes, and between two poses.
 const FIX_EVERY: u32 = 200;
 const POSE_EVERY: u32 = 20;
+/// Sample of the first fix: the receiver has not been set up yet, and sends a sentence at a speed that the image does not expect.
+const FIRST_FIX: u32 = 100;
 /// How old a pose is when it is sent, µs.
 const POSE_AGE_US: u32 = 9_000;
 /// What a receiver takes to work a fix out, µs (docs/sensors.md).
@@ -90,7 +92,7 @@ impl Bench {
         let pressure_pa = 101_325.0 * (1.0 - 0.0065 / 288.15 * Self::altitude_m(now_us)).powf(5.255_88);
         self.emulator.set_air(pressure_pa as f32, 20.0);
         self.emulator.set_field(Self::field_ut(now_us));
-        if sends && self.sample.is_multiple_of(FIX_EVERY) {
+        if sends && self.sample % FIX_EVERY == FIRST_FIX {
             let fix = Self::gnss(now_us.saturating_sub(FIX_AGE_US));
             let place = self.frame.to_geodetic(fix.position_m);
             self.emulator.send_fix(&place, &fix);

@@ -90,6 +90,8 @@ struct Stream {
     /// Beats of a whole transfer, and where memory is now.
     total: u32,
     memory: u32,
+    /// Whether it was told what to move since it last began to.
+    told: bool,
 }
 
 /// One word to move.
@@ -162,7 +164,10 @@ impl Dma {
                     stream.flags |= TCIF;
                 }
             }
-            0x04 => stream.ndtr = only(value, 0xffff)?,
+            0x04 => {
+                stream.ndtr = only(value, 0xffff)?;
+                stream.told = true;
+            }
             0x08 => stream.par = value,
             0x0c => stream.m0ar = value,
             0x10 => {
@@ -178,7 +183,10 @@ impl Dma {
         self.request(index)?;
         let stream = &mut self.streams[index];
         (stream.cr >> 11 & 3 == stream.cr >> 13 & 3 && stream.cr & PINC == 0).then_some(())?;
-        (stream.total, stream.memory) = (stream.ndtr, stream.m0ar);
+        // One that was only switched off goes on where it was: an STM32F411 was seen to (embassy-rs/embassy, issue 6592).
+        if std::mem::take(&mut stream.told) {
+            (stream.total, stream.memory) = (stream.ndtr, stream.m0ar);
+        }
         Some(())
     }
 
@@ -261,6 +269,25 @@ mod tests {
         dma.write(0x8, 0x3d << 16);
         assert!(dma.interrupts().contains(&(58, false)));
         assert_eq!(dma.read(0x44), Some(3));
+    }
+
+    #[test]
+    fn a_stream_that_is_switched_off_and_on_goes_on_where_it_was() {
+        let mut dma = Dma::new(2);
+        for (offset, value) in [(0x4, 4), (0x8, 0x4001_1004), (0xc, 0x2000_0000)] {
+            dma.write(0x40 + offset, value);
+        }
+        let on = 4 << 25 | MINC | CIRC | EN;
+        let mut taken = |beats: usize| -> Vec<u32> {
+            dma.write(0x40, on);
+            let memory = (0..beats).map(|_| dma.take(2).memory - 0x2000_0000).collect();
+            dma.write(0x40, on & !EN);
+            memory
+        };
+        assert_eq!((taken(3), taken(3)), (vec![0, 1, 2], vec![3, 0, 1]));
+        dma.write(0x44, 4);
+        dma.write(0x40, on);
+        assert_eq!(dma.take(2).memory, 0x2000_0000, "told anew");
     }
 
     #[test]

@@ -14,9 +14,6 @@ const AIR_C: f32 = 20.0;
 /// Where the world's origin is for a satellite receiver.
 const HOME: Geodetic = Geodetic { latitude_e7: 473_977_000, longitude_e7: 85_456_000, altitude_m: 488.0 };
 
-/// A satellite receiver has no fix sooner after it was switched on, s.
-const FIRST_FIX_S: f64 = 2.0;
-
 /// What was said, and when again.
 pub(super) struct Said {
     samples: u32,
@@ -44,7 +41,7 @@ impl Said {
         if let Some(field) = measurements.magnetic_ut {
             emulator.set_field(field.value);
         }
-        if let Some(gnss) = measurements.gnss.filter(|_| t_s >= FIRST_FIX_S) {
+        if let Some(gnss) = measurements.gnss {
             emulator.send_fix(&self.world.to_geodetic(gnss.value.position_m), &gnss.value);
         }
         if let Some(vision) = measurements.vision {
