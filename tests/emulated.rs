@@ -266,6 +266,21 @@ fn a_flight_over_the_roll_over_of_the_clock_and_one_after_ten_hours_are_as_one_j
 }
 
 #[test]
+fn the_log_says_why_arming_is_refused() {
+    let mut aloft = Aloft::on_the_ground();
+    let mut log = String::new();
+    while aloft.time_s() < 2.1 {
+        let t_s = aloft.time_s();
+        aloft.step(&Hands { throttle: 0.3, arm: t_s > 0.5, ..Hands::default() });
+        log += &aloft.answer.log;
+    }
+    assert_eq!(aloft.answer.told, STOP);
+    for why in ["the throttle is not low", "the gyro is not calibrated"] {
+        assert_eq!(log.matches(&format!("arming is refused: {why}")).count(), 1, "{log}");
+    }
+}
+
+#[test]
 fn speed_controllers_understand_every_frame_and_no_motor_turns_unarmed() {
     let mut end = None;
     fly(3, |step, _, answer| {

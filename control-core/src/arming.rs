@@ -36,6 +36,11 @@ macro_rules! checks {
         }
 
         impl Check {
+            /// What is wrong, for people.
+            pub fn text(self) -> &'static str {
+                match self { $(Self::$id => $text),+ }
+            }
+
             fn passes(self, facts: &Facts, limits: &Limits) -> bool {
                 let passes: fn(&Facts, &Limits) -> bool = match self { $(Self::$id => $passes),+ };
                 passes(facts, limits)
@@ -44,7 +49,7 @@ macro_rules! checks {
 
         impl fmt::Display for Check {
             fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.pad(match self { $(Self::$id => $text),+ })
+                f.pad(self.text())
             }
         }
     };

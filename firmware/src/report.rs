@@ -1,5 +1,7 @@
 //! Report: what one second of steps amounts to, for the log.
+use control_core::arming::Check;
 use control_core::flight::Command;
+use control_core::set::Set;
 
 /// One second of flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,6 +18,8 @@ pub struct Report {
     pub cycles_max: u32,
     /// The last command.
     pub command: Command,
+    /// For what arming was refused in this second.
+    pub refused: Set<Check>,
 }
 
 /// FNV-1a, 32 bits, by words: what it starts with and what it multiplies by.
@@ -38,7 +42,8 @@ impl Tally {
     /// An empty count that closes a report every `rate_hz` steps, and no more often than every step.
     pub fn new(rate_hz: f32) -> Self {
         let steps_per_report = ((rate_hz + 0.5) as u32).max(1);
-        let report = Report { steps: 0, late: 0, blind: 0, hash: HASH_START, cycles_max: 0, command: Command::Stop };
+        let (command, refused) = (Command::Stop, Set::EMPTY);
+        let report = Report { steps: 0, late: 0, blind: 0, hash: HASH_START, cycles_max: 0, command, refused };
         Self { steps_per_report, left: steps_per_report, report }
     }
 
@@ -53,6 +58,11 @@ impl Tally {
         report.command = command;
     }
 
+    /// Takes in that arming was refused in this step, because of `failing`.
+    pub fn refuse(&mut self, failing: Set<Check>) {
+        failing.iter().for_each(|check| self.report.refused.put(check, true));
+    }
+
     /// Notes whether that step ended late; returns the report if the second is over.
     pub fn close(&mut self, late: bool) -> Option<Report> {
         self.report.late = self.report.late.saturating_add(late.into());
@@ -62,7 +72,7 @@ impl Tally {
         }
         let report = self.report;
         self.left = self.steps_per_report;
-        self.report.cycles_max = 0;
+        (self.report.cycles_max, self.report.refused) = (0, Set::EMPTY);
         Some(report)
     }
 }
@@ -85,5 +95,19 @@ mod tests {
         assert_eq!(counts(first), [500, 1, 5, 700]);
         assert_eq!(counts(second), [1_000, 1, 10, 450]);
         assert_ne!(first.hash, second.hash);
+    }
+
+    #[test]
+    fn what_arming_was_refused_for_is_told_once() {
+        let mut tally = Tally::new(2.0);
+        let refused: Vec<Set<Check>> = [Some(Check::Link), Some(Check::Level), None, None]
+            .into_iter()
+            .filter_map(|check| {
+                tally.refuse(check.into_iter().collect());
+                tally.close(false)
+            })
+            .map(|report| report.refused)
+            .collect();
+        assert_eq!(refused, [[Check::Link, Check::Level].into_iter().collect(), Set::EMPTY]);
     }
 }

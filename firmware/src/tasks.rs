@@ -141,6 +141,9 @@ async fn control(
         motors.write(command).await;
         number = number.wrapping_add(1);
         black_box::keep(&Record { step: number, time_us, arrived, command });
+        if let Some(decision) = flight.helm().decision().filter(|decision| decision.refused) {
+            tally.refuse(decision.failing);
+        }
         tally.step(measurements.imu.is_some(), command, DWT::cycle_count().wrapping_sub(started));
         let done_us = now_us();
         late = pace.finish(done_us);
@@ -219,9 +222,12 @@ fn inverse(level: Level) -> Level {
 }
 
 fn write(report: &Report) {
-    let Report { steps, late, blind, cycles_max, hash, command } = *report;
+    let Report { steps, late, blind, cycles_max, hash, command, refused } = *report;
     defmt::info!("steps {=u32}, late {=u32}, blind {=u32}", steps, late, blind);
     defmt::info!("data ready to frames sent: worst {=u32} cycles; commands so far {=u32:08x}", cycles_max, hash);
+    for check in refused.iter() {
+        defmt::warn!("arming is refused: {=str}", check.text());
+    }
     match command {
         Command::Stop => defmt::info!("motors stand"),
         Command::Run([m1, m2, m3, m4]) => defmt::info!("motors {=f32} {=f32} {=f32} {=f32}", m1, m2, m3, m4),
