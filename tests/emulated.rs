@@ -322,6 +322,9 @@ fn a_hard_fault_cuts_the_motors_at_once_and_is_reported_after_the_reset() {
     assert!(turned_s <= 0.001, "{turned_s} s");
     assert!(log.contains("before this start: hard fault at 0x60000000"), "{log}");
     assert!(log.contains("the watchdog has reset the chip"), "{log}");
+    let before = log.split("the last step before this start: ").nth(1).expect("it is told");
+    assert!(before.lines().nth(1).is_some_and(|line| line.contains("rates")), "{before}");
+    assert!(before.lines().nth(2).is_some_and(|line| line.contains("motors 0.")), "{before}");
     // The switch is still on, but it has not gone on.
     assert_eq!(aloft.answer.told, STOP);
 }

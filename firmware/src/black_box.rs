@@ -1,6 +1,8 @@
-//! Black box: the record of the last step, in RAM that no reset clears.
+//! Black box: the record of the last step, in RAM that no reset clears. It is logged after a reset, before the next step overwrites it.
 use core::sync::atomic::{AtomicU32, Ordering, fence};
 
+use control_core::flight::Command;
+use control_core::measurement::{Imu, Stamped};
 use firmware::record::{Record, WORDS};
 
 /// A sequence number, odd while the rest is being written, and the record. A probe finds it by its name.
@@ -18,4 +20,23 @@ pub(crate) fn keep(record: &Record) {
         kept.store(word, Ordering::Relaxed);
     }
     sequence.store(before.wrapping_add(2), Ordering::Release);
+}
+
+/// Logs the last step before a reset that has left RAM as it was.
+pub(crate) fn report() {
+    let [sequence, words @ ..] = &LAST_STEP;
+    if !sequence.load(Ordering::Acquire).is_multiple_of(2) {
+        defmt::warn!("the last step was being written");
+        return;
+    }
+    let words = core::array::from_fn(|n| words[n].load(Ordering::Relaxed));
+    let Record { step, time_us, arrived, command } = Record::from_words(&words);
+    defmt::warn!("the last step before this start: {=u32}, {=u64} us after the one before", step, time_us);
+    if let Some(Stamped { value: Imu { rate_rad_s: r, specific_force_m_s2: f }, .. }) = arrived.measurements.imu {
+        defmt::warn!("rates {=f32} {=f32} {=f32} rad/s, force {=f32} {=f32} {=f32} m/s2", r.x, r.y, r.z, f.x, f.y, f.z);
+    }
+    match command {
+        Command::Stop => defmt::warn!("motors stood"),
+        Command::Run([m1, m2, m3, m4]) => defmt::warn!("motors {=f32} {=f32} {=f32} {=f32}", m1, m2, m3, m4),
+    }
 }

@@ -76,6 +76,9 @@ pub(crate) fn start(spawner: Spawner) {
     }
     if bitten {
         defmt::error!("the watchdog has reset the chip: no step was done in time, or a fault had stopped all");
+        if !browned_out {
+            black_box::report();
+        }
     }
 
     let reports: &'static mut Reports = singleton!(: Reports = Queue::new()).expect("start runs once");
