@@ -130,10 +130,8 @@ pub struct Helm {
     pilot: Option<Stamped<PilotInput>>,
     offboard: Option<Stamped<Setpoint>>,
     battery_v: Option<f32>,
-    late: bool,
     decided_us: Option<u64>,
     decision: Option<autopilot::Command>,
-    command: Command,
 }
 
 impl Helm {
@@ -149,10 +147,8 @@ impl Helm {
             pilot: None,
             offboard: None,
             battery_v: None,
-            late: false,
             decided_us: None,
             decision: None,
-            command: Command::Stop,
         })
     }
 
@@ -164,12 +160,6 @@ impl Helm {
         self.pilot = arrived.pilot.or(self.pilot);
         self.offboard = arrived.offboard.or(self.offboard);
         self.battery_v = arrived.measurements.battery_v.map(|battery| battery.value).or(self.battery_v);
-        self.late |= arrived.late;
-        self.decide(now_us, estimate, gyro_calibrated, arrived);
-        self.command
-    }
-
-    fn decide(&mut self, now_us: u64, estimate: &Estimate, gyro_calibrated: bool, arrived: &Arrived) {
         let elapsed_us = now_us.saturating_sub(self.decided_us.unwrap_or(now_us));
         self.decided_us = Some(now_us);
         let system = System {
@@ -177,7 +167,7 @@ impl Helm {
             gyro_calibrated,
             self_test_passed: arrived.self_test_passed,
             parameters_valid: arrived.parameters_valid,
-            late: core::mem::take(&mut self.late),
+            late: arrived.late,
         };
         let step = autopilot::Step {
             now_us,
@@ -189,8 +179,9 @@ impl Helm {
         };
         let decision = self.autopilot.step(&mut self.state, &step);
         let stands = !decision.armed && decision.motors == [0.0; 4];
-        self.command = if stands { Command::Stop } else { Command::Run(decision.motors.map(speed)) };
+        let command = if stands { Command::Stop } else { Command::Run(decision.motors.map(speed)) };
         self.decision = Some(decision);
+        command
     }
 
     /// Begins the check of the wiring, if it stands disarmed.
