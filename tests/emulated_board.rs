@@ -174,8 +174,8 @@ impl Desk {
         for _ in 0..6 * SAMPLE_HZ {
             self.pass(1);
             if self.boots() > boots {
-                // The controller is designed: 120 ms.
-                return self.pass(300);
+                // The tasks start.
+                return self.pass(20);
             }
         }
         panic!("it does not start: {}", self.log);

@@ -46,16 +46,16 @@ impl Airframe {
     ///
     /// - `inertia_kg_m2`: about body x, y, z.
     /// - `thrust_to_weight`: largest total thrust over weight.
-    pub fn plus(mass_kg: f32, inertia_kg_m2: [f32; 3], arm_m: f32, thrust_to_weight: f32) -> Self {
-        let rotor = |forward: f32, right: f32| Rotor {
-            forward_m: forward * arm_m,
-            right_m: right * arm_m,
-            thrust_n_max: thrust_to_weight * mass_kg * GRAVITY_M_S2 / 4.0,
-        };
+    pub const fn plus(mass_kg: f32, inertia_kg_m2: [f32; 3], arm_m: f32, thrust_to_weight: f32) -> Self {
+        let thrust_n_max = thrust_to_weight * mass_kg * GRAVITY_M_S2 / 4.0;
+        let ahead = Rotor { forward_m: arm_m, right_m: 0.0, thrust_n_max };
+        let right = Rotor { forward_m: 0.0, right_m: arm_m, thrust_n_max };
+        let behind = Rotor { forward_m: -arm_m, ..ahead };
+        let left = Rotor { right_m: -arm_m, ..right };
         Self {
             mass_kg,
             inertia_kg_m2,
-            rotors: [rotor(0.0, 1.0), rotor(1.0, 0.0), rotor(0.0, -1.0), rotor(-1.0, 0.0)],
+            rotors: [right, ahead, left, behind],
             torque_per_thrust_m: TORQUE_PER_THRUST_M,
             rotor_momentum: ROTOR_MOMENTUM,
             thrust_n_min: 0.0,
@@ -75,19 +75,19 @@ impl Airframe {
     }
 
     /// The paper's airframe: Table 1 with its I = m l² about x and y, twice that about z (eq 5).
-    pub fn paper(thrust_to_weight: f32) -> Self {
+    pub const fn paper(thrust_to_weight: f32) -> Self {
         let inertia_kg_m2 = [INERTIA_KG_M2, INERTIA_KG_M2, 2.0 * INERTIA_KG_M2];
         Self::plus(MASS_KG, inertia_kg_m2, ARM_M, thrust_to_weight)
     }
 
     /// The machine whose mass, arms and rotors the paper took, with its measured inertia (docs/control-law.md,
     /// errata): the OS4.
-    pub fn os4(thrust_to_weight: f32) -> Self {
+    pub const fn os4(thrust_to_weight: f32) -> Self {
         Self::plus(MASS_KG, [6.228e-3, 6.228e-3, 1.121e-2], ARM_M, thrust_to_weight)
     }
 
     /// Weight, N.
-    pub fn weight_n(&self) -> f32 {
+    pub const fn weight_n(&self) -> f32 {
         self.mass_kg * GRAVITY_M_S2
     }
 }

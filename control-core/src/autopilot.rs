@@ -20,7 +20,7 @@ use crate::modes::{self, Level, Mode, Reason, Trust};
 use crate::parameters::{Parameter, Parameters};
 use crate::pilot::{Pilot, Reading, Shape};
 use crate::set::Set;
-use crate::{Airframe, Config, ConfigError, WiringFault};
+use crate::{Airframe, Config, ConfigError, Regulators, WiringFault};
 use bench::Bench;
 use signals::{believed, sample};
 
@@ -128,12 +128,24 @@ impl Autopilot {
     /// # Errors
     /// [`ConfigError`] names the first field that cannot fly, its value and what is allowed.
     pub fn try_new(config: &Config, parameters: &Parameters) -> Result<Self, ConfigError> {
+        Self::try_with(config, config.regulators().as_ref(), parameters)
+    }
+
+    /// The same with regulators that were made beforehand: see [`Controller::try_with`].
+    ///
+    /// # Errors
+    /// [`ConfigError`] as for [`Self::try_new`], and for regulators of another machine.
+    pub fn try_with(
+        config: &Config,
+        regulators: Option<&Regulators>,
+        parameters: &Parameters,
+    ) -> Result<Self, ConfigError> {
         let config = Config { gains: parameters.tune(config.gains), ..*config };
         let airframe = config.airframe;
         let thrust_n_max: f32 = airframe.rotors.iter().map(|rotor| rotor.thrust_n_max).sum();
         let idle = parameters[Parameter::MotorIdle];
         Ok(Self {
-            controller: Controller::try_new(&config)?,
+            controller: Controller::try_with(&config, regulators)?,
             airframe,
             shape: parameters.into(),
             failsafe: parameters.into(),

@@ -6,6 +6,7 @@ use crate::airframe::Airframe;
 use crate::attitude::AttitudeGains;
 use crate::law::{LgsGains, RawGains, TABLE_2_PSI, TABLE_2_X, TABLE_2_Y, TABLE_2_Z};
 use crate::rotors::RotorsConfig;
+use crate::spin::Regulators;
 use crate::{GRAVITY_M_S2, Law};
 use core::fmt;
 
@@ -367,6 +368,12 @@ impl Config {
             control_hz: 1000.0,
             ..Self::flight(law, airframe)
         }
+    }
+
+    /// The regulators with which it flies without a rotor, if it does: what takes longest of building a controller.
+    pub fn regulators(&self) -> Option<Regulators> {
+        let rotors = self.rotors?;
+        Some(Regulators::new(&rotors.spin?, &self.airframe, rotors.motor_lag_s, self.control_hz))
     }
 
     /// Refuses rates that make no sense; parts check themselves.

@@ -19,6 +19,7 @@ use crate::law::{AxisLaw, AxisState, Law};
 use crate::math::wrap_pi;
 use crate::rotors::{Rotors, RotorsState};
 use crate::signals::{Input, Output, Telemetry};
+use crate::spin::Regulators;
 use crate::yaw_guard::YawGuard;
 use crate::{GRAVITY_M_S2, Mask, Scalar};
 
@@ -148,6 +149,14 @@ impl<S: Scalar> Controller<S> {
     /// # Errors
     /// [`ConfigError`] names the first field that cannot fly, its value and what is allowed.
     pub fn try_new(config: &Config) -> Result<Self, ConfigError> {
+        Self::try_with(config, config.regulators().as_ref())
+    }
+
+    /// The same with regulators that were made beforehand, which it needs if it is to fly without a rotor.
+    ///
+    /// # Errors
+    /// [`ConfigError`] as for [`Self::try_new`], and for regulators of another machine.
+    pub fn try_with(config: &Config, regulators: Option<&Regulators>) -> Result<Self, ConfigError> {
         config.check_rates()?;
         let Config { airframe, law, cascade, yaw_turns_thrust, rotors, gains, control_hz, filter_hz } = *config;
         let s = S::from_f32;
@@ -166,7 +175,7 @@ impl<S: Scalar> Controller<S> {
             always_integrates: S::Mask::splat(cascade == Cascade::Paper),
             cascade,
             coupling: Coupling::new(cascade, airframe.inertia_kg_m2),
-            rotors: rotors.map(|config| Rotors::try_new(&config, &airframe, control_hz)).transpose()?,
+            rotors: rotors.map(|config| Rotors::try_new(&config, regulators, &airframe, control_hz)).transpose()?,
             weight_n: s(airframe.weight_n()),
             yaw_brake_nm_s: s(gains.psi.k0[2]),
             filter_rad_s: s(core::f32::consts::TAU * filter_hz),

@@ -19,13 +19,15 @@ use crate::estimation::{Estimator, EstimatorConfig, EstimatorConfigError, Estima
 use crate::measurement::{Measurements, Stamped};
 use crate::parameters::Parameters;
 use crate::pilot::PilotInput;
-use crate::{Config, ConfigError, Controller, Scalar, Setpoint};
+use crate::{Config, ConfigError, Controller, Regulators, Scalar, Setpoint};
 
 /// What flies.
 #[derive(Clone, Copy, Debug)]
-pub struct FlightConfig {
+pub struct FlightConfig<'a> {
     /// Machine and controller.
     pub controller: Config,
+    /// What it flies with when a rotor is gone, made for this controller ([`Config::regulators`]).
+    pub regulators: &'a Regulators,
     /// The estimator; the rate of its gyro is that of the steps.
     pub estimator: EstimatorConfig,
 }
@@ -91,7 +93,7 @@ impl Flight {
     /// # Errors
     /// [`Unflyable`] names the first value that cannot fly.
     pub fn try_new(config: &FlightConfig, parameters: &Parameters) -> Result<Self, Unflyable> {
-        let helm = Helm::try_new(&config.controller, parameters)?;
+        let helm = Helm::new(Autopilot::try_with(&config.controller, Some(config.regulators), parameters)?);
         let estimator = Estimator::try_new(&config.estimator)?;
         Ok(Self { state: estimator.state(), estimator, helm })
     }
@@ -140,8 +142,11 @@ impl Helm {
     /// # Errors
     /// [`ConfigError`] names the first value that cannot fly.
     pub fn try_new(config: &Config, parameters: &Parameters) -> Result<Self, ConfigError> {
-        let autopilot = Autopilot::try_new(config, parameters)?;
-        Ok(Self {
+        Ok(Self::new(Autopilot::try_new(config, parameters)?))
+    }
+
+    fn new(autopilot: Autopilot) -> Self {
+        Self {
             state: autopilot.state(),
             autopilot,
             pilot: None,
@@ -149,7 +154,7 @@ impl Helm {
             battery_v: None,
             decided_us: None,
             decision: None,
-        })
+        }
     }
 
     /// Decides what the motors do; to be called at each estimate.
@@ -231,8 +236,10 @@ mod tests {
 
     fn flight() -> Flight {
         let gyro = GyroConfig { sample_hz: SAMPLE_HZ, ..EstimatorConfig::FLIGHT.gyro };
+        let controller = Config { control_hz: SAMPLE_HZ, ..Config::tolerant(Airframe::paper(2.2)) };
         let config = FlightConfig {
-            controller: Config { control_hz: SAMPLE_HZ, ..Config::tolerant(Airframe::paper(2.2)) },
+            controller,
+            regulators: &controller.regulators().unwrap(),
             estimator: EstimatorConfig { gyro, ..EstimatorConfig::FLIGHT },
         };
         Flight::try_new(&config, &Parameters::default()).unwrap()

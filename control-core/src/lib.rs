@@ -67,7 +67,7 @@ pub use rotors::{Alarm, DetectorConfig, HYPOTHESES, Knowledge, RotorsConfig, Rot
 pub use scalar::fixed::Q16;
 pub use scalar::{Mask, Scalar};
 pub use signals::{Axis, Input, Output, Setpoint, Telemetry};
-pub use spin::SpinConfig;
+pub use spin::{Regulators, SpinConfig};
 pub use wiring::{WiringCheck, WiringFault};
 
 /// Gravitational acceleration, m/s² (the paper's Table 1).

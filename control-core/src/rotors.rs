@@ -24,7 +24,7 @@ use crate::airframe::Airframe;
 use crate::config::{ConfigError, positive};
 use crate::filter::LowPass;
 use crate::frames::{Body, Vec3};
-use crate::spin::{Spin, SpinConfig, Spinning};
+use crate::spin::{Regulators, Spin, SpinConfig, Spinning};
 use crate::{Demand, Scalar};
 
 mod alarm;
@@ -227,7 +227,13 @@ impl<S: Scalar> RotorsState<S> {
 }
 
 impl<S: Scalar> Rotors<S> {
-    pub(crate) fn try_new(config: &RotorsConfig, airframe: &Airframe, control_hz: f32) -> Result<Self, ConfigError> {
+    /// - `regulators`: of the spin; not looked at by those who do not spin.
+    pub(crate) fn try_new(
+        config: &RotorsConfig,
+        regulators: Option<&Regulators>,
+        airframe: &Airframe,
+        control_hz: f32,
+    ) -> Result<Self, ConfigError> {
         positive("rotors", "motor_lag_s", config.motor_lag_s)?;
         positive("rotors", "filter_hz", config.filter_hz)?;
         let [ix, iy, _] = airframe.inertia_kg_m2;
@@ -254,7 +260,10 @@ impl<S: Scalar> Rotors<S> {
             turning_m: [1.0, -1.0, 1.0, -1.0].map(|turn: f32| s(turn * airframe.torque_per_thrust_m)),
             momentum: [-1.0, 1.0, -1.0, 1.0].map(|turn: f32| s(turn * airframe.rotor_momentum)),
             hover_share: s(airframe.weight_n() / airframe.rotors.iter().map(|r| r.thrust_n_max).sum::<f32>()),
-            spin: config.spin.map(|spin| Spin::try_new(&spin, airframe, config.motor_lag_s, control_hz)).transpose()?,
+            spin: config
+                .spin
+                .map(|spin| Spin::try_new(&spin, regulators, airframe, config.motor_lag_s, control_hz))
+                .transpose()?,
         })
     }
 

@@ -31,16 +31,13 @@ use crate::rotors::Residual;
 use crate::signals::Input;
 use crate::{GRAVITY_M_S2, Mask, Scalar};
 use core::hint::cold_path;
-use riccati::{M, N, Problem};
+use regulators::{ALONE, TABLE, Trim};
+use riccati::N;
 
+mod regulators;
 mod riccati;
 
-/// Spin up to which gains are tabulated, one a rad/s.
-const TABLE: usize = 41;
-/// The same for two rotors, one each 2 rad/s.
-const ALONE: usize = 21;
-/// Spin at which the limiter begins and at which it has all, rad/s.
-const LIMITER_RAD_S: (f32, f32) = (19.0, 29.0);
+pub use regulators::Regulators;
 
 /// Tangent of the largest tilt asked for, 0.9 rad.
 const TAN_TILT_MAX: f32 = 1.260_158_2;
@@ -48,12 +45,10 @@ const TAN_TILT_MAX: f32 = 1.260_158_2;
 /// spins, roll goes one way only. A healed machine asks for no more until it has stopped turning, which yields to roll and pitch.
 const ABLE_RAD_S: f32 = 12.0;
 const LEAST_ABLE: f32 = 0.3;
-/// Share of its maximum that a rotor carries at most, so that it can still steer.
-const CARRIED_MAX: f32 = 0.9;
-/// How scarce the facing rotor is that is gone: the regulator does without it.
-const UNAVAILABLE: f32 = 1e3;
 /// Smallest share of the thrust taken to point up.
 const UPRIGHT_MIN: f32 = 0.3;
+/// What is wrong with gains of another machine, or none.
+const MADE_FOR_IT: &str = "made for this airframe, these weights and this rate (Hz)";
 
 /// What the regulator is made from.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,19 +69,6 @@ impl SpinConfig {
     /// Tuned for the paper's airframe.
     pub const NOMINAL: Self =
         Self { weights: [128.0, 2.9], one_sided: 0.005, lean_max: 0.21, trim_max: 0.22, outer: [1.0, 1.6] };
-}
-
-/// Where the spin settles at one yaw rate, and how it is held there.
-#[derive(Clone, Copy, Debug)]
-struct Trim<S> {
-    /// K: a row each for roll and pitch acceleration.
-    gains: [[S; N]; M],
-    /// β_t, rad/s².
-    push: S,
-    /// h_y / h_z.
-    lean: S,
-    /// h_y.
-    lean_sine: S,
 }
 
 /// The law of the spin, configured.
@@ -158,98 +140,6 @@ pub(crate) struct SpinInput<S> {
     pub(crate) rate: Vec3<Body, S>,
 }
 
-/// The machine, as the table of trims needs it.
-struct Machine {
-    /// (Iz − Ix) / Ix.
-    ratio: f32,
-    inertia_kg_m2: f32,
-    /// Roll acceleration per newton of a rotor, 1/(kg m).
-    per_newton: f32,
-    weight_n: f32,
-    thrust_n_max: f32,
-    rotor_momentum: f32,
-    motor_lag_s: f32,
-    dt_s: f32,
-}
-
-impl Machine {
-    /// Trim at the yaw rate `r`, rad/s, positive: (β_t, h_y / h_z, k r − h / Ix).
-    fn trim(&self, config: &SpinConfig, pair: bool, r: f32) -> (f32, f32, f32) {
-        let half_n = self.weight_n / 2.0;
-        let over = ((r - LIMITER_RAD_S.0) / (LIMITER_RAD_S.1 - LIMITER_RAD_S.0)).clamp(0.0, 1.0);
-        // What the other two cannot carry while they steer, the facing rotor must.
-        let short_n = self.weight_n - 2.0 * CARRIED_MAX * self.thrust_n_max;
-        let least_n = (half_n * config.trim_max).max(short_n.min(CARRIED_MAX * self.thrust_n_max));
-        let most_n = if pair { 0.0 } else { least_n + over * (half_n - least_n).max(0.0) };
-        // The rotors turn against the body, so their momentum makes it less stiff; by how much depends on the trim, a little.
-        let mut push_n = most_n;
-        let mut stiffness = 0.0;
-        for _ in 0..4 {
-            let pair_n = (self.weight_n - push_n) / 2.0;
-            let momentum = self.rotor_momentum * (2.0 * libm::sqrtf(pair_n) - libm::sqrtf(push_n));
-            stiffness = self.ratio * r - momentum / self.inertia_kg_m2;
-            push_n = most_n.min((stiffness * r * config.lean_max).max(0.0) / self.per_newton);
-        }
-        let push = push_n * self.per_newton;
-        let lean = if stiffness * r * config.lean_max > push { push / (stiffness * r) } else { config.lean_max };
-        (push, lean, stiffness)
-    }
-
-    /// The regulator about the trim at `r`.
-    fn regulate<S: Scalar>(&self, config: &SpinConfig, pair: bool, r: f32) -> Trim<S> {
-        let (push, lean, stiffness) = self.trim(config, pair, r);
-        let upright = 1.0 / libm::sqrtf(1.0 + lean * lean);
-        let quarter = self.weight_n / 4.0 * self.per_newton;
-        let scarce = if pair { UNAVAILABLE } else { quarter / push.max(0.02 * quarter) };
-        let lag = -1.0 / self.motor_lag_s;
-        let slope: [[f32; N]; N] = [
-            [0.0, r, 0.0, -upright, 0.0, 0.0],
-            [-r, 0.0, upright, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 0.0, -stiffness, 1.0, 0.0],
-            [0.0, 0.0, stiffness, 0.0, 0.0, 1.0],
-            [0.0, 0.0, 0.0, 0.0, lag, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 0.0, lag],
-        ];
-        // Second order in dt, for A and for B.
-        let dt_s = self.dt_s;
-        let square = |i: usize, j: usize| (0..N).map(|k| slope[i][k] * slope[k][j]).sum::<f32>();
-        let identity = |i: usize, j: usize| f32::from(u8::from(i == j));
-        let a = core::array::from_fn(|i| {
-            core::array::from_fn(|j| identity(i, j) + dt_s * (slope[i][j] + 0.5 * dt_s * square(i, j)))
-        });
-        let b = core::array::from_fn(|i| {
-            core::array::from_fn(|input| {
-                let j = N - M + input;
-                -lag * dt_s * (identity(i, j) + 0.5 * dt_s * slope[i][j])
-            })
-        });
-        let [point, turn] = config.weights;
-        let cost = 1.0 / (self.per_newton * self.per_newton);
-        let r = [cost * (1.0 + config.one_sided * scarce * scarce), cost];
-        let problem = Problem { a, b, q: [point, point, turn, turn, 0.0, 0.0], r };
-        let s = S::from_f32;
-        Trim {
-            gains: problem.gains().map(|row| row.map(s)),
-            push: s(push),
-            lean: s(lean),
-            lean_sine: s(lean * upright),
-        }
-    }
-}
-
-impl<S: Scalar> Trim<S> {
-    /// Between `self` and `other`.
-    fn towards(&self, other: &Self, share: S) -> Self {
-        let mix = |low: S, high: S| low + share * (high - low);
-        Self {
-            gains: core::array::from_fn(|i| core::array::from_fn(|j| mix(self.gains[i][j], other.gains[i][j]))),
-            push: mix(self.push, other.push),
-            lean: mix(self.lean, other.lean),
-            lean_sine: mix(self.lean_sine, other.lean_sine),
-        }
-    }
-}
-
 /// Where `x`, not negative, is in a table of `rows`, two at least: the row below, and the share of the way to the next.
 fn between<S: Scalar>(x: S, rows: usize) -> (usize, S) {
     let last = rows - 1;
@@ -259,8 +149,10 @@ fn between<S: Scalar>(x: S, rows: usize) -> (usize, S) {
 }
 
 impl<S: Scalar> Spin<S> {
+    /// - `regulators`: made for this very machine.
     pub(crate) fn try_new(
         config: &SpinConfig,
+        regulators: Option<&Regulators>,
         airframe: &Airframe,
         motor_lag_s: f32,
         control_hz: f32,
@@ -277,29 +169,21 @@ impl<S: Scalar> Spin<S> {
         ] {
             positive("spin", field, value)?;
         }
-        let [ix, iy, iz] = airframe.inertia_kg_m2;
-        let inertia_kg_m2 = 0.5 * (ix + iy);
-        let arms_m = airframe.rotors.map(|r| libm::sqrtf(r.forward_m * r.forward_m + r.right_m * r.right_m));
-        let machine = Machine {
-            ratio: (iz - inertia_kg_m2) / inertia_kg_m2,
-            inertia_kg_m2,
-            per_newton: 0.25 * arms_m.iter().sum::<f32>() / inertia_kg_m2,
-            weight_n: airframe.weight_n(),
-            thrust_n_max: airframe.rotors.iter().map(|r| r.thrust_n_max).fold(f32::INFINITY, f32::min),
-            rotor_momentum: airframe.rotor_momentum,
-            motor_lag_s,
-            dt_s: 1.0 / control_hz,
-        };
+        let regulators = regulators
+            .filter(|regulators| regulators.are_for(config, airframe, motor_lag_s, control_hz))
+            .ok_or(ConfigError { part: "spin", field: "regulators", value: control_hz, allowed: MADE_FOR_IT })?;
+        let [ix, iy, _] = airframe.inertia_kg_m2;
         let s = S::from_f32;
-        let towards = |j: usize| [airframe.rotors[j].forward_m, airframe.rotors[j].right_m].map(|x| s(x / arms_m[j]));
+        let towards = |j: usize| {
+            let rotor = airframe.rotors[j];
+            let arm_m = libm::sqrtf(rotor.forward_m * rotor.forward_m + rotor.right_m * rotor.right_m);
+            [rotor.forward_m, rotor.right_m].map(|x| s(x / arm_m))
+        };
         Ok(Self {
-            trims: core::array::from_fn(|i| machine.regulate(config, false, i as f32)),
-            alone: core::array::from_fn(|i| {
-                let Trim { gains: [_, pitch], .. } = machine.regulate(config, true, 2.0 * i as f32);
-                pitch
-            }),
+            trims: regulators.trims.map(Trim::to_scalar),
+            alone: regulators.alone.map(|row| row.map(s)),
             towards: core::array::from_fn(towards),
-            inertia_kg_m2: s(inertia_kg_m2),
+            inertia_kg_m2: s(0.5 * (ix + iy)),
             outer: [s(kp), s(kd)],
             mass_kg: s(airframe.mass_kg),
         })
@@ -379,7 +263,9 @@ mod tests {
     const LAG_S: f32 = 0.02;
 
     fn spin(airframe: &Airframe) -> Spin<f32> {
-        Spin::try_new(&SpinConfig::NOMINAL, airframe, LAG_S, 500.0).expect("the shipped weights")
+        let config = SpinConfig::NOMINAL;
+        let regulators = Regulators::new(&config, airframe, LAG_S, 500.0);
+        Spin::try_new(&config, Some(&regulators), airframe, LAG_S, 500.0).expect("the shipped weights")
     }
 
     /// How far the linear spin at `r` of `airframe`, disturbed, is off its trim after four seconds.
@@ -489,5 +375,28 @@ mod tests {
         let (x, y) = turn(at(0, n, w, t));
         let (found_x, found_y) = at(3, turn(n), turn(w), turn(t));
         assert!((x - found_x).abs() < 1e-6 && (y - found_y).abs() < 1e-6, "{x} {y}, {found_x} {found_y}");
+    }
+
+    #[test]
+    fn regulators_of_another_machine_or_none_are_refused() {
+        let (config, airframe) = (SpinConfig::NOMINAL, Airframe::paper(3.0));
+        let good = Regulators::new(&config, &airframe, LAG_S, 500.0);
+        let fly = |config: &SpinConfig, regulators, airframe: &Airframe, lag_s, hz| {
+            Spin::<f32>::try_new(config, regulators, airframe, lag_s, hz).err().map(|error| error.field)
+        };
+        assert_eq!(fly(&config, Some(&good), &airframe, LAG_S, 500.0), None);
+        let shy = SpinConfig { lean_max: 0.2, ..config };
+        for (why, refused) in [
+            ("none", fly(&config, None, &airframe, LAG_S, 500.0)),
+            ("other weights", fly(&shy, Some(&good), &airframe, LAG_S, 500.0)),
+            ("another airframe", fly(&config, Some(&good), &Airframe::os4(3.0), LAG_S, 500.0)),
+            ("another lag", fly(&config, Some(&good), &airframe, 0.03, 500.0)),
+            ("another rate", fly(&config, Some(&good), &airframe, LAG_S, 2000.0)),
+        ] {
+            assert_eq!(refused, Some("regulators"), "{why}");
+        }
+        let nan = SpinConfig { weights: [f32::NAN, 1.0], ..config };
+        let of_nan = Regulators::new(&nan, &airframe, LAG_S, 500.0);
+        assert_eq!(fly(&nan, Some(&of_nan), &airframe, LAG_S, 500.0), Some("weights.n"));
     }
 }

@@ -2,12 +2,19 @@
 use control_core::estimation::{EstimatorConfig, GyroConfig};
 use control_core::flight::{Flight, FlightConfig, Unflyable};
 use control_core::parameters::Parameters;
-use control_core::{Airframe, Config};
+use control_core::{Airframe, Config, Regulators, RotorsConfig, SpinConfig};
 
 use crate::icm42688;
 
 /// Thrust over weight of the airframe that is flown.
 pub const THRUST_TO_WEIGHT: f32 = 2.2;
+/// The airframe that is flown.
+const AIRFRAME: Airframe = Airframe::paper(THRUST_TO_WEIGHT);
+
+/// Made by the compiler: the board would take 120 ms.
+#[allow(long_running_const_eval, reason = "62 regulators of 12 doublings")]
+static REGULATORS: Regulators =
+    Regulators::new(&SpinConfig::NOMINAL, &AIRFRAME, RotorsConfig::ESTIMATED.motor_lag_s, icm42688::SAMPLE_HZ);
 
 /// The flight of a board just switched on, with these parameters.
 ///
@@ -16,7 +23,8 @@ pub const THRUST_TO_WEIGHT: f32 = 2.2;
 pub fn boot(parameters: &Parameters) -> Result<Flight, Unflyable> {
     let gyro = GyroConfig { sample_hz: icm42688::SAMPLE_HZ, ..EstimatorConfig::FLIGHT.gyro };
     let config = FlightConfig {
-        controller: Config { control_hz: icm42688::SAMPLE_HZ, ..Config::tolerant(Airframe::paper(THRUST_TO_WEIGHT)) },
+        controller: Config { control_hz: icm42688::SAMPLE_HZ, ..Config::tolerant(AIRFRAME) },
+        regulators: &REGULATORS,
         estimator: EstimatorConfig { gyro, ..EstimatorConfig::FLIGHT },
     };
     Flight::try_new(&config, parameters)
