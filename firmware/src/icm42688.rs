@@ -59,8 +59,10 @@ const TEMPERATURE_C: (f32, f32) = (-40.0, 85.0);
 const COUNTS_C: f32 = 132.48;
 const ZERO_C: f32 = 25.0;
 
-const RATE_RAD_S: f32 = 2_000.0 / 180.0 * PI / 32_768.0;
-const FORCE_M_S2: f32 = 16.0 * GRAVITY_M_S2 / 32_768.0;
+/// What a count of the gyro is, rad/s.
+pub const RATE_RAD_S: f32 = 2_000.0 / 180.0 * PI / 32_768.0;
+/// What a count of the accelerometer is, m/s².
+pub const FORCE_M_S2: f32 = 16.0 * GRAVITY_M_S2 / 32_768.0;
 /// What the part says where it has no sample.
 const NOTHING: i16 = i16::MIN;
 

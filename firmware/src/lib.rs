@@ -13,6 +13,7 @@ pub mod crsf;
 pub mod dps310;
 pub mod dshot;
 pub mod flight;
+pub mod flight_log;
 pub mod icm42688;
 pub mod pace;
 pub mod pilot;

@@ -98,7 +98,7 @@ impl Record {
         let float = |n: usize| f32::from_bits(words[n]);
         let has = |bit: u32| words[0] & bit != 0;
         let time_us = u64::from(words[3]) << 32 | u64::from(words[2]);
-        let before = |age: usize| time_us.saturating_sub(words[age].into());
+        let before = |age: usize| time_us.saturating_sub_signed(words[age].cast_signed().into());
         let imu = Imu { rate_rad_s: three(words, 4), specific_force_m_s2: three(words, 7) };
         let pilot = PilotInput {
             sticks: Sticks { right: float(16), forward: float(17), clockwise: float(18), throttle: float(19) },
@@ -147,9 +147,11 @@ impl Record {
         }
     }
 
-    /// How long before the step something was true, µs.
+    /// How long before the step something was true, µs, in two's complement: what arrives while the inertial unit is read is
+    /// younger than the step.
     fn age_us(&self, time_us: u64) -> u32 {
-        self.time_us.saturating_sub(time_us).min(u32::MAX.into()) as u32
+        let age_us = self.time_us.wrapping_sub(time_us).cast_signed();
+        age_us.clamp(i32::MIN.into(), i32::MAX.into()) as u32
     }
 }
 
@@ -193,7 +195,7 @@ mod tests {
             arrived: Arrived {
                 measurements: Measurements {
                     imu: Some(Stamped { time_us, value: imu }),
-                    battery_v: Some(Stamped { time_us: time_us - 400, value: 16.1 }),
+                    battery_v: Some(Stamped { time_us: time_us + 40, value: 16.1 }),
                     baro_altitude_m: Some(Stamped { time_us: time_us - 14_000, value: 1.25 }),
                     magnetic_ut: Some(Stamped { time_us: time_us - 5_000, value: Vec3::new(20.0, -1.0, 43.0) }),
                     gnss: Some(Stamped { time_us: time_us - 129_000, value: gnss }),

@@ -21,6 +21,11 @@ impl core::fmt::Display for EncodeError {
 
 impl core::error::Error for EncodeError {}
 
+/// The checksum that frames have, of any bytes.
+pub fn checksum(bytes: &[u8]) -> u16 {
+    CRC.checksum(bytes)
+}
+
 /// Writes a record's frame into `place`; returns it.
 ///
 /// # Errors

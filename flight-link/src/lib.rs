@@ -21,5 +21,5 @@ extern crate std;
 mod frame;
 mod record;
 
-pub use frame::{Decoder, EncodeError, FRAME_BYTES_MAX, encode};
+pub use frame::{Decoder, EncodeError, FRAME_BYTES_MAX, checksum, encode};
 pub use record::{Outcome, ParameterName, Record, VisionPose};

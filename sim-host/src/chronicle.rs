@@ -1,7 +1,8 @@
 //! What happened in a sortie, in words: who armed, which mode was flown and why, what failed and what was done.
 use crate::flight::Sample;
+use crate::sortie::Decision;
 use control_core::arming::Check;
-use control_core::estimation::{SOURCES, Source, SourceFault};
+use control_core::estimation::{EstimatorTelemetry, SOURCES, Source, SourceFault};
 use control_core::failsafe::Failsafe;
 use control_core::modes::{Mode, Reason};
 use std::fmt::Display;
@@ -40,8 +41,12 @@ impl Chronicle {
 
     /// Notes one tick.
     pub fn step(&mut self, sample: &Sample) {
-        let t_s = sample.t_s;
-        if let Some(estimator) = sample.estimator {
+        self.look(sample.t_s, sample.estimator, sample.decision);
+    }
+
+    /// Notes what estimator and autopilot say at one time, as far as they are there.
+    pub fn look(&mut self, t_s: f64, estimator: Option<&EstimatorTelemetry>, decision: Option<&Decision>) {
+        if let Some(estimator) = estimator {
             for (i, source) in Source::ALL.into_iter().enumerate() {
                 let fault = estimator.sources[i].fault;
                 // A sensor that has never been heard is not there.
@@ -54,12 +59,12 @@ impl Chronicle {
                 }
             }
         }
-        let inertial = sample.estimator.map(|estimator| estimator.inertial);
+        let inertial = estimator.map(|estimator| estimator.inertial);
         if let (Some(_), Some(unit)) = (self.inertial, inertial.filter(|_| inertial != self.inertial)) {
             self.note(t_s, format_args!("flies on the {unit}"));
         }
         self.inertial = inertial;
-        let Some(decision) = sample.decision else { return };
+        let Some(decision) = decision else { return };
         let command = decision.command;
         if let Some(verdict) = decision.state.wiring().filter(|_| !self.wiring) {
             self.wiring = true;

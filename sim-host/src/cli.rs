@@ -21,6 +21,7 @@ mod estimate;
 mod fly;
 mod limits;
 mod params;
+mod replay;
 mod sensors;
 mod suite;
 mod through;
@@ -49,6 +50,8 @@ enum Command {
     Sensors(sensors::SensorsArgs),
     /// Fly on the sensors, and print how wrong the estimate was beside the truth, and whether it knew.
     Estimate(estimate::EstimateArgs),
+    /// Decide once more what a board's flight log was decided on, and compare every motor command bit by bit.
+    Replay(replay::ReplayArgs),
     /// Print the parameters of the flight logic: names, ranges, values.
     Params(params::ParamsArgs),
     /// Print the JSON Schema of a scenario.
@@ -119,6 +122,7 @@ pub fn run() -> ExitCode {
         Command::Limits(args) => limits::limits(args),
         Command::Sensors(args) => sensors::sensors(args),
         Command::Estimate(args) => estimate::estimate(args),
+        Command::Replay(args) => replay::replay(args),
         Command::Params(args) => params::params(args),
         Command::Schema => schema(),
     };

@@ -21,6 +21,7 @@ pub mod output;
 pub mod plant;
 pub mod preflight;
 pub mod reference;
+pub mod replay;
 pub mod report;
 pub mod scenario;
 pub mod sensors;

@@ -15,13 +15,15 @@ use crate::machine::{Machine, Moment};
 use crate::metrics::{Flown, measured};
 use crate::sensors::{SensorKeys, SensorSuite, World};
 use crate::sortie::Outside;
+use control_core::flight::Unflyable;
 use control_core::geodesy::GeodesyError;
+use control_core::parameters::Parameters;
 use said::Said;
 use std::time::Instant;
 use twin::Twin;
 
 mod said;
-mod twin;
+pub(crate) mod twin;
 
 pub use twin::{Parting, Verdict};
 
@@ -176,7 +178,9 @@ impl Image {
     fn switch_on(keys: &SensorKeys) -> Result<Self, ThroughError> {
         let mut emulator = Emulator::start()?;
         let said = Said::new(&mut emulator, keys)?;
-        Ok(Self { emulator, said, twin: Twin::new()?, log: String::new() })
+        let twin = Twin::new(&Parameters::default())
+            .map_err(|Unflyable { name: [part, name], value }| ThroughError::Unflyable(part, name, value))?;
+        Ok(Self { emulator, said, twin, log: String::new() })
     }
 
     /// One period of the inertial unit.

@@ -2,7 +2,6 @@
 //!
 //! The samples are those that the image has decoded of its parts' registers, from its record of the step. Every command is
 //! compared; the hash of all so far is kept each second, as the image logs it.
-use super::ThroughError;
 use crate::reference::Target;
 use crate::sortie::Decision;
 use control_core::estimate::Estimate;
@@ -44,7 +43,20 @@ impl fmt::Display for Parting {
         match self {
             Self::Command { step, time_us, image, host } => {
                 let t_s = *time_us as f64 * 1e-6;
-                write!(f, "step {step}, {t_s:.4} s since boot: the image {image:?}, the host {host:?}")
+                write!(f, "step {step}, {t_s:.4} s since boot: ")?;
+                let (Command::Run(image), Command::Run(host)) = (image, host) else {
+                    return write!(f, "the image {image:?}, the host {host:?}");
+                };
+                let mut rotors = (1..).zip(image.iter().zip(host));
+                let differs = rotors.find(|(_, (image, host))| image.to_bits() != host.to_bits());
+                differs.map_or(Ok(()), |(rotor, (image, host))| {
+                    let bits = [image, host].map(|share| share.to_bits());
+                    write!(
+                        f,
+                        "rotor {rotor}: the image {image} ({:#010x}), the host {host} ({:#010x})",
+                        bits[0], bits[1]
+                    )
+                })
             }
             Self::Step { due, seen } => write!(f, "step {due} of the image was due, step {seen} was seen"),
         }
@@ -63,7 +75,7 @@ pub struct Verdict {
 }
 
 /// The host's build of what the image flies.
-pub(super) struct Twin {
+pub(crate) struct Twin {
     flight: Flight,
     last: Option<Record>,
     tallies: [Tally; 2],
@@ -83,15 +95,14 @@ pub(super) struct Seen<'a> {
 }
 
 impl Twin {
-    pub(super) fn new() -> Result<Self, ThroughError> {
-        let flight = firmware::flight::boot(&Parameters::default())
-            .map_err(|Unflyable { name: [part, name], value }| ThroughError::Unflyable(part, name, value))?;
+    pub(crate) fn new(parameters: &Parameters) -> Result<Self, Unflyable> {
+        let flight = firmware::flight::boot(parameters)?;
         let verdict = Verdict { commands: 0, seconds: Vec::new(), parting: None };
         Ok(Self { flight, last: None, tallies: [Tally::new(SAMPLE_HZ); 2], verdict })
     }
 
     /// Decides what the image has decided, if it has made a step.
-    pub(super) fn follow(&mut self, record: &Record) {
+    pub(crate) fn follow(&mut self, record: &Record) {
         let (due, seen) = (self.last.map_or(1, |last| last.step + 1), record.step);
         if seen + 1 == due || self.verdict.parting.is_some() {
             return;
@@ -143,7 +154,17 @@ impl Twin {
         });
     }
 
-    pub(super) fn finish(self) -> Verdict {
+    /// The step that was followed last.
+    pub(crate) fn last(&self) -> Option<&Record> {
+        self.last.as_ref()
+    }
+
+    /// What has decided.
+    pub(crate) fn flight(&self) -> &Flight {
+        &self.flight
+    }
+
+    pub(crate) fn finish(self) -> Verdict {
         self.verdict
     }
 }
