@@ -11,6 +11,7 @@
 //! | [`asin_and_cos`]   | ±0.95       | 4e-5 rad, 1.3e-4  | 34 | micromath, 29 without the cosine: off by 0.018 rad; libm, 682 |
 //! | [`Scalar::sqrt`]   | ≥ 0         | correctly rounded | 58 | micromath, 16: 6 % off; no tick calls it |
 //! | [`cos_half_turn`]  | 0 to π      | 6e-6              | not counted | [`cos`], 1.2e-3: a notch has to meet its rotor |
+//! | [`quarter_sin_and_cos`] | ±π/2   | 2.2e-7            | not counted | libm: reduces in f64 what may be any angle, 7 kB of flash |
 //! | [`sin`], [`cos`]   | ±1e3 rad    | 1.2e-3            | 33 | libm, 1391; no law calls these, only synthetic motion |
 use crate::Scalar;
 use core::f32::consts::{FRAC_PI_2, PI};
@@ -96,6 +97,18 @@ pub fn cos_half_turn<S: Scalar>(angle_rad: S) -> S {
     S::ONE - (sine + sine) * sine
 }
 
+/// Sine and cosine of an angle within ±π/2, to the last digits: for constants, not for ticks.
+///
+/// # Source
+/// Taylor's series of half the angle, and the double-angle formulas.
+pub fn quarter_sin_and_cos(angle_rad: f32) -> (f32, f32) {
+    let half = 0.5 * angle_rad;
+    let y = half * half;
+    let sine = half * polynomial(y, [1.0, -1.0 / 6.0, 1.0 / 120.0, -1.0 / 5_040.0, 1.0 / 362_880.0]);
+    let cosine = polynomial(y, [1.0, -0.5, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0]);
+    (2.0 * sine * cosine, 1.0 - 2.0 * sine * sine)
+}
+
 /// Sine, for synthetic motion on the board; no law calls it.
 pub fn sin(angle_rad: f32) -> f32 {
     micromath::F32Ext::sin(angle_rad)
@@ -121,12 +134,15 @@ mod tests {
 
     #[test]
     fn documented_errors_hold_in_f32() {
+        const QUARTER: f64 = core::f64::consts::FRAC_PI_2;
         let f32_of = |f: fn(f32) -> f32| move |x: f64| f64::from(f(x as f32));
         for (name, error, bound) in [
             ("tanh", worst((-20.0, 20.0), f32_of(tanh), libm::tanh), 1.4e-3),
             ("asin", worst((-0.95, 0.95), f32_of(|x| asin_and_cos(x).0), libm::asin), 4.0e-5),
             ("cosine", worst((-0.95, 0.95), f32_of(|x| asin_and_cos(x).1), |x| libm::sqrt(1.0 - x * x)), 1.3e-4),
             ("cos_half_turn", worst((0.0, core::f64::consts::PI), f32_of(cos_half_turn), libm::cos), 6.0e-6),
+            ("quarter sine", worst((-QUARTER, QUARTER), f32_of(|x| quarter_sin_and_cos(x).0), libm::sin), 2.2e-7),
+            ("quarter cosine", worst((-QUARTER, QUARTER), f32_of(|x| quarter_sin_and_cos(x).1), libm::cos), 2.2e-7),
             ("sin", worst((-1e3, 1e3), f32_of(sin), libm::sin), 1.2e-3),
             ("cos", worst((-1e3, 1e3), f32_of(cos), libm::cos), 1.2e-3),
         ] {

@@ -117,7 +117,7 @@ impl Receiver {
         Self { parser: Parser::new(FixedBuffer::new()), home: None, errors: 0 }
     }
 
-    /// Takes in bytes as they come; returns the newest that they complete. Not for a tick: the first fix calls `libm`.
+    /// Takes in bytes as they come; returns the newest that they complete.
     pub fn push(&mut self, bytes: &[u8]) -> Option<Heard> {
         let mut newest = None;
         let mut packets = self.parser.consume_ubx(bytes);

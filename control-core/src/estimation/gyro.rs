@@ -11,7 +11,7 @@
 //! Delay of slow motion: √2/ω_c of the low-pass, B/ω² of each notch; [`GyroChain::delay_s`] adds them up. A rotor that says nothing, or turns
 //! too slowly or too fast for the sampling, has no notch.
 use crate::frames::{Body, Vec3};
-use crate::math::cos_half_turn;
+use crate::math::{cos_half_turn, quarter_sin_and_cos};
 use core::f32::consts::{SQRT_2, TAU};
 
 /// The filters of the rates.
@@ -92,16 +92,22 @@ pub(crate) struct GyroChain {
     config: GyroConfig,
 }
 
+/// Tangent of an angle in 0..π/2.
+fn tan(angle_rad: f32) -> f32 {
+    let (sin, cos) = quarter_sin_and_cos(angle_rad);
+    sin / cos
+}
+
 impl GyroChain {
     /// The filters of a checked configuration.
     pub(crate) fn new(config: &GyroConfig) -> Self {
         let sample_s = 1.0 / config.sample_hz;
         let low_pass = (config.low_pass_hz < 0.4 * config.sample_hz).then(|| {
-            let k = libm::tanf(0.5 * TAU * config.low_pass_hz * sample_s);
+            let k = tan(0.5 * TAU * config.low_pass_hz * sample_s);
             let unit = 1.0 / (1.0 + SQRT_2 * k + k * k);
             LowPass { b: k * k * unit, a: [2.0 * (k * k - 1.0) * unit, (1.0 - SQRT_2 * k + k * k) * unit] }
         });
-        let t = libm::tanf(0.5 * TAU * config.notch_width_hz * sample_s);
+        let t = tan(0.5 * TAU * config.notch_width_hz * sample_s);
         let turn_rad_min = TAU * config.notch_hz_min * sample_s;
         Self { low_pass, notch_a: (1.0 - t) / (1.0 + t), sample_s, turn_rad_min, config: *config }
     }
