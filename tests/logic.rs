@@ -1,5 +1,6 @@
 //! Flight logic as it is flown: modes and arming on a machine with ground under its feet.
 use control_core::arming::Check;
+use control_core::autopilot::{BenchOrder, BenchTest};
 use control_core::estimate::Health;
 use control_core::frames::Vec3;
 use control_core::modes::{Mode, Reason};
@@ -178,7 +179,7 @@ fn every_failing_check_is_named_and_nothing_turns() {
         (Check::Motors, |rig| *rig = Rig::with(&[("BAT_CELLS", 4.0), ("ARM_MOTORS", 1.0)])),
         (Check::Bench, |rig| {
             let order = MotorTestOrder { rotor: Some(0), share: 0.0, seconds: 9.0 };
-            assert!(rig.autopilot.begin_motor_test(&mut rig.state, &order));
+            assert!(rig.autopilot.order(&mut rig.state, &BenchOrder::Motors(order)));
         }),
     ];
     assert!(rows.iter().map(|(check, _)| *check).eq(Check::ALL.iter().copied()), "every check is flown");
@@ -239,7 +240,9 @@ fn a_weak_rotor_is_flown_through_by_hand_too() {
 fn the_bench_turns_rotors_and_finds_their_order() {
     let mut rig = Rig::with(&[("ARM_MOTORS", 1.0)]);
     rig.fly(1.5);
-    assert!(rig.autopilot.begin_motor_test(&mut rig.state, &MotorTestOrder { rotor: None, share: 0.1, seconds: 0.5 }));
+    let all = BenchOrder::Motors(MotorTestOrder { rotor: None, share: 0.1, seconds: 0.5 });
+    assert!(rig.autopilot.order(&mut rig.state, &all));
+    assert_eq!(rig.state.bench(), Some(BenchTest::Motors));
     let mut turned = Vec::new();
     rig.watch(5.0, &mut |truth, command| {
         let turning = command.motors.iter().position(|&motor| motor > 0.0);
@@ -250,11 +253,18 @@ fn the_bench_turns_rotors_and_finds_their_order() {
     });
     assert_eq!(turned, [Some(0), None, Some(1), None, Some(2), None, Some(3), None]);
     assert!(rig.command().failing.iter().eq([Check::Motors]));
-    assert!(rig.autopilot.begin_wiring_check(&mut rig.state));
+    assert_eq!(rig.state.bench(), None, "it is over");
+    assert!(rig.autopilot.order(&mut rig.state, &all));
+    rig.fly(0.2);
+    assert!(rig.autopilot.order(&mut rig.state, &BenchOrder::Stop));
+    rig.watch(1.0, &mut |_, command| assert_eq!(command.motors, [0.0; 4]));
+    assert!(rig.autopilot.order(&mut rig.state, &BenchOrder::Wiring));
     rig.fly(3.0);
     assert_eq!(rig.state.wiring(), Some(Ok(())));
     rig.pilot.arm = true;
     rig.fly(0.1);
     assert!(rig.command().armed);
-    assert!(!rig.autopilot.begin_wiring_check(&mut rig.state), "not while armed");
+    for order in [all, BenchOrder::Wiring, BenchOrder::Stop] {
+        assert!(!rig.autopilot.order(&mut rig.state, &order), "not while armed");
+    }
 }

@@ -27,6 +27,7 @@ use signals::{believed, sample};
 mod bench;
 mod signals;
 
+pub use bench::{BenchOrder, BenchTest};
 pub use signals::{Command, Step, System};
 
 /// Everything that changes in flight.
@@ -54,6 +55,15 @@ impl AutopilotState {
     /// What the last wiring check found; none before the first has ended.
     pub fn wiring(&self) -> Option<Result<(), WiringFault>> {
         self.wiring
+    }
+
+    /// What runs on the bench.
+    pub fn bench(&self) -> Option<BenchTest> {
+        match self.bench {
+            Bench::Nothing => None,
+            Bench::Motors(_) => Some(BenchTest::Motors),
+            Bench::Wiring(_) => Some(BenchTest::Wiring),
+        }
     }
 
     /// Arms or disarms; returns whether arming was refused.

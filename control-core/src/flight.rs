@@ -13,7 +13,7 @@
 //! [`Helm`] is the part after the estimate, for those who make the estimate themselves or are shown the truth.
 //!
 //! Invariant: without an armed autopilot, or one whose bench runs a rotor, the command is [`Command::Stop`].
-use crate::autopilot::{self, Autopilot, AutopilotState, System};
+use crate::autopilot::{self, Autopilot, AutopilotState, BenchOrder, System};
 use crate::estimate::Estimate;
 use crate::estimation::{Estimator, EstimatorConfig, EstimatorConfigError, EstimatorState, EstimatorTelemetry, Phase};
 use crate::measurement::{Measurements, Stamped};
@@ -71,6 +71,8 @@ pub struct Arrived {
     pub pilot: Option<Stamped<PilotInput>>,
     /// From a companion computer, if it spoke.
     pub offboard: Option<Stamped<Setpoint>>,
+    /// What is asked of the bench; nothing happens while armed.
+    pub bench: Option<BenchOrder>,
     /// Whether the last step came late.
     pub late: bool,
     /// Whether every part has said that it is there.
@@ -167,6 +169,9 @@ impl Helm {
         self.battery_v = arrived.measurements.battery_v.map(|battery| battery.value).or(self.battery_v);
         let elapsed_us = now_us.saturating_sub(self.decided_us.unwrap_or(now_us));
         self.decided_us = Some(now_us);
+        if let Some(order) = &arrived.bench {
+            self.autopilot.order(&mut self.state, order);
+        }
         let system = System {
             battery_v: self.battery_v,
             gyro_calibrated,
@@ -187,11 +192,6 @@ impl Helm {
         let command = if stands { Command::Stop } else { Command::Run(decision.motors.map(speed)) };
         self.decision = Some(decision);
         command
-    }
-
-    /// Begins the check of the wiring, if it stands disarmed.
-    pub fn begin_wiring_check(&mut self) {
-        self.autopilot.begin_wiring_check(&mut self.state);
     }
 
     /// Tells the controller what is known of the rotors: see [`Controller::report`].

@@ -2,14 +2,16 @@
 //!
 //! The image keeps one in RAM that no reset clears: whoever asks why it fell finds the last step there, and a probe or the
 //! emulator can look while it flies. A record that is being written has an odd sequence number.
+use control_core::autopilot::BenchOrder;
 use control_core::flight::{Arrived, Command};
 use control_core::frames::{Attitude, Vec3};
 use control_core::measurement::{Gnss, Imu, Measurements, Stamped, Vision};
 use control_core::modes::Mode;
+use control_core::motor_test::MotorTestOrder;
 use control_core::pilot::{PilotInput, Sticks};
 
 /// Words of a record.
-pub const WORDS: usize = 52;
+pub const WORDS: usize = 54;
 /// Bits of the first word: which of the optional parts are there, and facts.
 const HAS_IMU: u32 = 1;
 const HAS_BATTERY: u32 = 1 << 1;
@@ -24,8 +26,12 @@ const HAS_FIELD: u32 = 1 << 9;
 const HAS_GNSS: u32 = 1 << 10;
 const FIXED: u32 = 1 << 11;
 const HAS_VISION: u32 = 1 << 12;
-/// From here on, the pilot's mode by its place in [`Mode::ALL`].
+/// Eight bits from here on, the pilot's mode by its place in [`Mode::ALL`].
 const MODE_SHIFT: u32 = 16;
+/// Two bits from here on, what is asked of the bench: 0 nothing, 1 to turn motors, 2 to check the wiring, 3 to stop.
+const ORDER_SHIFT: u32 = 24;
+/// Three bits from here on, the motor to be turned, 1 to 4; 0 for all.
+const MOTOR_SHIFT: u32 = 26;
 
 /// One step.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,7 +49,8 @@ pub struct Record {
 impl Record {
     /// The record in words, without its sequence number.
     pub fn to_words(&self) -> [u32; WORDS] {
-        let Arrived { measurements, pilot, offboard: _, late, self_test_passed, parameters_valid } = self.arrived;
+        let Arrived { measurements, pilot, offboard: _, bench, late, self_test_passed, parameters_valid } =
+            self.arrived;
         let Measurements { imu, battery_v, baro_altitude_m, magnetic_ut, gnss, vision, .. } = measurements;
         let mut words = [0; WORDS];
         let bit = |on: bool, bit: u32| if on { bit } else { 0 };
@@ -90,6 +97,15 @@ impl Record {
             put(&mut words[42..51], v.attitude.rows.as_flattened());
             words[51] = self.age_us(time_us);
         }
+        words[0] |= match bench {
+            None => 0,
+            Some(BenchOrder::Motors(MotorTestOrder { rotor, share, seconds })) => {
+                put(&mut words[52..54], &[share, seconds]);
+                1 << ORDER_SHIFT | rotor.map_or(0, |rotor| 1 + rotor.min(3) as u32) << MOTOR_SHIFT
+            }
+            Some(BenchOrder::Wiring) => 2 << ORDER_SHIFT,
+            Some(BenchOrder::Stop) => 3 << ORDER_SHIFT,
+        };
         words
     }
 
@@ -103,7 +119,12 @@ impl Record {
         let pilot = PilotInput {
             sticks: Sticks { right: float(16), forward: float(17), clockwise: float(18), throttle: float(19) },
             arm: has(ARM),
-            mode: Mode::ALL.get((words[0] >> MODE_SHIFT) as usize).copied().unwrap_or(Mode::Disarmed),
+            mode: Mode::ALL.get((words[0] >> MODE_SHIFT & 0xff) as usize).copied().unwrap_or(Mode::Disarmed),
+        };
+        let order = MotorTestOrder {
+            rotor: (words[0] >> MOTOR_SHIFT & 7).checked_sub(1).map(|rotor| rotor as usize),
+            share: float(52),
+            seconds: float(53),
         };
         let measurements = Measurements {
             imu: has(HAS_IMU).then_some(Stamped { time_us, value: imu }),
@@ -139,6 +160,12 @@ impl Record {
                 measurements,
                 pilot: has(HAS_PILOT).then(|| Stamped { time_us: before(20), value: pilot }),
                 offboard: None,
+                bench: match words[0] >> ORDER_SHIFT & 3 {
+                    1 => Some(BenchOrder::Motors(order)),
+                    2 => Some(BenchOrder::Wiring),
+                    3 => Some(BenchOrder::Stop),
+                    _ => None,
+                },
                 late: has(LATE),
                 self_test_passed: has(TESTED),
                 parameters_valid: has(VALID),
@@ -204,6 +231,7 @@ mod tests {
                 },
                 pilot: Some(Stamped { time_us: time_us - 12_345, value: pilot }),
                 offboard: None,
+                bench: Some(BenchOrder::Motors(MotorTestOrder { rotor: Some(2), share: 0.1, seconds: 2.0 })),
                 late: true,
                 self_test_passed: true,
                 parameters_valid: true,
@@ -211,7 +239,9 @@ mod tests {
             command: Command::Run([0.1, 0.2, 0.3, 0.4]),
             ..bare
         };
-        for record in [bare, full] {
+        let asked = |order| Record { arrived: Arrived { bench: Some(order), ..Arrived::default() }, ..bare };
+        let all = BenchOrder::Motors(MotorTestOrder { rotor: None, share: 0.2, seconds: 1.0 });
+        for record in [bare, full, asked(all), asked(BenchOrder::Wiring), asked(BenchOrder::Stop)] {
             assert_eq!(Record::from_words(&record.to_words()), record);
         }
     }

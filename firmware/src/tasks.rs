@@ -133,6 +133,7 @@ async fn control(
             measurements,
             pilot: PILOT.try_take(),
             offboard: None,
+            bench: None,
             late,
             // What is soldered on; what a builder may leave out is the estimator's to miss. And nothing arms while the flash holds
             // up the program.

@@ -13,7 +13,7 @@ use crate::machine::{Machine, Moment};
 use crate::plant::Truth;
 use crate::scenario::{AutopilotKeys, Event};
 use crate::sensors::Sensors;
-use control_core::autopilot::{AutopilotState, Command};
+use control_core::autopilot::{AutopilotState, BenchOrder, Command};
 use control_core::estimate::{Estimate, Health, Sigma};
 use control_core::flight::{Arrived, Helm};
 use control_core::frames::Vec3;
@@ -37,15 +37,15 @@ impl<'a> Outside<'a> {
         Self { events, now: Event::default() }
     }
 
-    /// Lets happen what happens by `t_s`; whether the wiring check begins.
-    pub(crate) fn step(&mut self, t_s: f64) -> bool {
+    /// Lets happen what happens by `t_s`; what it asks of the bench.
+    pub(crate) fn step(&mut self, t_s: f64) -> Option<BenchOrder> {
         let mut check_wiring = false;
         while let Some((event, later)) = self.events.split_first().filter(|(event, _)| event.at_s <= t_s + 1e-9) {
             self.now.take(event);
             check_wiring |= event.check_wiring == Some(true);
             self.events = later;
         }
-        check_wiring
+        check_wiring.then_some(BenchOrder::Wiring)
     }
 
     /// What the pilot says, if he is heard.
@@ -56,12 +56,20 @@ impl<'a> Outside<'a> {
     /// What arrives with the sensors' `measurements`.
     ///
     /// - `setpoint`: what a companion computer would send.
-    fn arrived(&self, now_us: u64, setpoint: Setpoint, measurements: &Measurements) -> Arrived {
+    /// - `bench`: what is asked of the bench.
+    fn arrived(
+        &self,
+        now_us: u64,
+        setpoint: Setpoint,
+        measurements: &Measurements,
+        bench: Option<BenchOrder>,
+    ) -> Arrived {
         let now = &self.now;
         Arrived {
             measurements: *measurements,
             pilot: self.pilot().map(|value| Stamped { time_us: now_us, value }),
             offboard: (now.offboard == Some(true)).then_some(Stamped { time_us: now_us, value: setpoint }),
+            bench,
             late: now.late == Some(true),
             self_test_passed: now.self_test_passed != Some(false),
             parameters_valid: now.parameters_valid != Some(false),
@@ -126,12 +134,10 @@ impl Flight<'_> {
                 }
             }
             let measurements = aboard.as_ref().map_or(&nothing, Aboard::measurements);
-            if outside.step(t_s) {
-                helm.begin_wiring_check();
-            }
+            let bench = outside.step(t_s);
             let told = machine.told();
             helm.report(told.reported);
-            let arrived = outside.arrived(now_us, target.setpoint(), measurements);
+            let arrived = outside.arrived(now_us, target.setpoint(), measurements, bench);
             helm.step(now_us, &estimate, outside.now.gyro_calibrated != Some(false), &arrived);
             // Each step decides.
             let Some(command) = helm.decision() else { continue };

@@ -1,4 +1,4 @@
-//! On the bench: what the motors do while disarmed.
+//! On the bench: what the motors do while disarmed, and who may ask for it.
 use super::{Autopilot, AutopilotState, unit};
 use crate::WiringCheck;
 use crate::arming::Arming;
@@ -13,22 +13,39 @@ pub(super) enum Bench {
     Wiring(WiringCheck),
 }
 
-impl Autopilot {
-    /// Begins a motor test; whether it does, which it does only while disarmed.
-    pub fn begin_motor_test(&self, state: &mut AutopilotState, order: &MotorTestOrder) -> bool {
-        let disarmed = state.arming == Arming::Disarmed;
-        if disarmed {
-            state.bench = Bench::Motors(MotorTest::new(order));
-        }
-        disarmed
-    }
+/// What is asked of the bench.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BenchOrder {
+    /// That rotors turn one after the other, or one of them.
+    Motors(MotorTestOrder),
+    /// That the wiring is checked.
+    Wiring,
+    /// That whatever runs ends now.
+    Stop,
+}
 
-    /// Begins the wiring check; whether it does, which it does only while disarmed.
-    pub fn begin_wiring_check(&self, state: &mut AutopilotState) -> bool {
+/// What runs on the bench.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BenchTest {
+    /// Rotors, one after the other.
+    Motors,
+    /// The check of the wiring.
+    Wiring,
+}
+
+impl Autopilot {
+    /// Does what is asked of the bench, in place of what ran there; whether it does, which it does only while disarmed.
+    pub fn order(&self, state: &mut AutopilotState, order: &BenchOrder) -> bool {
         let disarmed = state.arming == Arming::Disarmed;
         if disarmed {
-            state.bench = Bench::Wiring(WiringCheck::new(&self.airframe));
-            state.wiring = None;
+            state.bench = match order {
+                BenchOrder::Motors(order) => Bench::Motors(MotorTest::new(order)),
+                BenchOrder::Wiring => Bench::Wiring(WiringCheck::new(&self.airframe)),
+                BenchOrder::Stop => Bench::Nothing,
+            };
+            if *order == BenchOrder::Wiring {
+                state.wiring = None;
+            }
         }
         disarmed
     }
