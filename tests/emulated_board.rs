@@ -6,7 +6,7 @@ use control_core::parameters::{Declaration, TABLE, index_of};
 use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use firmware::stored::{PAGE, Stored};
-use flight_link::{Decoder, FRAME_BYTES_MAX, Outcome, ParameterName, Record, encode};
+use flight_link::{Decoder, FRAME_BYTES_MAX, FromBoard, Outcome, ParameterName, ToBoard, encode};
 use sim_host::emulator::{Emulator, Mishap, Motion};
 use std::collections::BTreeSet;
 use std::convert::Infallible;
@@ -106,7 +106,7 @@ fn padded(name: &str) -> ParameterName {
 /// A board on a desk, and a station at its line.
 struct Desk {
     emulator: Emulator,
-    decoder: Decoder,
+    decoder: Decoder<FromBoard>,
     log: String,
 }
 
@@ -148,16 +148,19 @@ impl Desk {
     }
 
     /// Says something, and waits for an answer, but no longer than a second or until the next start.
-    fn ask(&mut self, wish: &Record) -> Option<(f32, Outcome)> {
+    fn ask(&mut self, wish: &ToBoard) -> Option<(f32, Outcome)> {
         let mut place = [0; FRAME_BYTES_MAX];
         self.emulator.send_station(encode(wish, &mut place).expect("it fits"));
         let boots = self.boots();
         for _ in 0..SAMPLE_HZ {
             self.pass(1);
             let (_, heard) = self.emulator.station_heard().expect("the image runs");
-            let answer = heard.into_iter().filter_map(|byte| self.decoder.push(byte)).last();
-            if let Some(Record::Parameter(_, value, outcome)) = answer {
-                return Some((value, outcome));
+            let answer = heard.into_iter().filter_map(|byte| self.decoder.push(byte)).find_map(|record| match record {
+                FromBoard::Parameter(_, value, outcome) => Some((value, outcome)),
+                _ => None,
+            });
+            if answer.is_some() {
+                return answer;
             }
             if self.boots() > boots {
                 self.pass(1);
@@ -191,11 +194,11 @@ impl Desk {
     }
 
     fn set(&mut self, name: &str, value: f32) -> Option<Outcome> {
-        self.ask(&Record::SetParameter(padded(name), value)).map(|(_, outcome)| outcome)
+        self.ask(&ToBoard::SetParameter(padded(name), value)).map(|(_, outcome)| outcome)
     }
 
     fn get(&mut self, name: &str) -> f32 {
-        let said = self.ask(&Record::GetParameter(padded(name)));
+        let said = self.ask(&ToBoard::GetParameter(padded(name)));
         said.unwrap_or_else(|| panic!("{name}: no answer; {}", self.log)).0
     }
 }
@@ -278,7 +281,7 @@ fn noise_on_the_stations_line_costs_the_frame_it_hits_and_no_more() {
     desk.emulator.send_station(&noise);
     desk.pass(100);
     // What is left of the noise and this are one frame, which is wrong.
-    desk.ask(&Record::GetParameter(padded(KEPT.0)));
+    desk.ask(&ToBoard::GetParameter(padded(KEPT.0)));
     assert_eq!(desk.get(KEPT.0), declared(KEPT.0).default);
 }
 

@@ -269,7 +269,7 @@ impl<S: Scalar> State<S> {
     }
 
     /// Share of its thrust that each rotor is believed to make.
-    pub(crate) fn shares(&self) -> [S; 4] {
+    pub fn shares(&self) -> [S; 4] {
         self.rotors.shares
     }
 

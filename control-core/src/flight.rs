@@ -58,8 +58,20 @@ impl From<EstimatorConfigError> for Unflyable {
 pub enum Command {
     /// They stand.
     Stop,
-    /// They turn, each at a share of its fastest speed, 0 to 1.
+    /// They turn, each at a share of its fastest speed, 0 to 1: even at 0 none stands, for one that does takes long to start.
     Run([f32; 4]),
+    /// On the bench: those above 0 turn, at that share of their fastest speed, and the others stand.
+    Bench([f32; 4]),
+}
+
+impl Command {
+    /// Each motor's share of its fastest speed; 0 where it stands.
+    pub fn speeds(self) -> [f32; 4] {
+        match self {
+            Self::Stop => [0.0; 4],
+            Self::Run(speeds) | Self::Bench(speeds) => speeds,
+        }
+    }
 }
 
 /// Everything that has arrived since the last step.
@@ -188,8 +200,11 @@ impl Helm {
             system: &system,
         };
         let decision = self.autopilot.step(&mut self.state, &step);
-        let stands = !decision.armed && decision.motors == [0.0; 4];
-        let command = if stands { Command::Stop } else { Command::Run(decision.motors.map(speed)) };
+        let command = match decision.motors.map(speed) {
+            speeds if decision.armed => Command::Run(speeds),
+            speeds if speeds == [0.0; 4] => Command::Stop,
+            speeds => Command::Bench(speeds),
+        };
         self.decision = Some(decision);
         command
     }

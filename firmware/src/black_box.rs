@@ -37,6 +37,8 @@ pub(crate) fn report() {
     }
     match command {
         Command::Stop => defmt::warn!("motors stood"),
-        Command::Run([m1, m2, m3, m4]) => defmt::warn!("motors {=f32} {=f32} {=f32} {=f32}", m1, m2, m3, m4),
+        Command::Run([m1, m2, m3, m4]) | Command::Bench([m1, m2, m3, m4]) => {
+            defmt::warn!("motors {=f32} {=f32} {=f32} {=f32}", m1, m2, m3, m4);
+        }
     }
 }

@@ -23,4 +23,5 @@ pub mod qmc5883l;
 pub mod record;
 pub mod report;
 pub mod stored;
+pub mod telemetry;
 pub mod ubx;

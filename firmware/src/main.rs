@@ -20,6 +20,8 @@ mod imu;
 #[cfg(target_os = "none")]
 mod kept;
 #[cfg(target_os = "none")]
+mod line;
+#[cfg(target_os = "none")]
 mod motors;
 #[cfg(target_os = "none")]
 mod sensors;

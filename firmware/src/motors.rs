@@ -1,6 +1,7 @@
 //! Motors: what the step commands, to the speed controllers' lines.
 //!
-//! Invariant: without a [`Command::Run`] every line carries the stop value, or nothing.
+//! Invariants: with [`Command::Stop`] every line carries the stop value, or nothing; with [`Command::Bench`] those of motors
+//! at 0 do.
 use control_core::flight::Command;
 use firmware::dshot;
 use firmware::pulse::Pulse;
@@ -55,6 +56,9 @@ impl Motors {
         let values = match command {
             Command::Stop => [dshot::Value::STOP; 4],
             Command::Run(shares) => shares.map(dshot::Value::running),
+            Command::Bench(shares) => {
+                shares.map(|share| if share > 0.0 { dshot::Value::running(share) } else { dshot::Value::STOP })
+            }
         };
         self.0.send(values).await;
     }
@@ -64,7 +68,7 @@ impl Motors {
 fn pulses(command: Command, counts: u32) -> [u32; 4] {
     let pulses = match command {
         Command::Stop => [Pulse::STOP; 4],
-        Command::Run(shares) => shares.map(Pulse::from_speed),
+        Command::Run(shares) | Command::Bench(shares) => shares.map(Pulse::from_speed),
     };
     pulses.map(|pulse| u32::from(pulse.us()) * (counts * PWM_HZ / 1_000) / 1_000)
 }

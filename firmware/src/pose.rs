@@ -7,7 +7,7 @@
 //! Whether it is one, and whether the pose is likely, is for the estimator to judge.
 use control_core::frames::{Attitude, Vec3};
 use control_core::measurement::Vision;
-use flight_link::{Decoder, Record, VisionPose};
+use flight_link::{Decoder, ToBoard, VisionPose};
 
 /// Bits a second on the line.
 pub const BAUD: u32 = 921_600;
@@ -17,10 +17,10 @@ pub const FRAME_US: u64 = 43 * 10 * 1_000_000 / BAUD as u64;
 const AGE_US_MAX: u32 = 1_000_000;
 
 /// Takes in bytes as they come; returns the newest pose that they complete, and how old it was when it was sent, µs.
-pub fn push(decoder: &mut Decoder, bytes: &[u8]) -> Option<(u32, Vision)> {
+pub fn push(decoder: &mut Decoder<ToBoard>, bytes: &[u8]) -> Option<(u32, Vision)> {
     let records = bytes.iter().filter_map(|&byte| decoder.push(byte));
     let poses = records.filter_map(|record| match record {
-        Record::VisionPose(pose) => Some(pose),
+        ToBoard::VisionPose(pose) => Some(pose),
         _ => None,
     });
     poses.last().filter(|pose| pose.age_us <= AGE_US_MAX).map(|pose| (pose.age_us, vision(&pose)))
@@ -65,7 +65,7 @@ mod tests {
     }
 
     fn frame(pose: VisionPose) -> std::vec::Vec<u8> {
-        encode(&Record::VisionPose(pose), &mut [0; FRAME_BYTES_MAX]).unwrap().to_vec()
+        encode(&ToBoard::VisionPose(pose), &mut [0; FRAME_BYTES_MAX]).unwrap().to_vec()
     }
 
     #[test]

@@ -26,6 +26,7 @@ const HAS_FIELD: u32 = 1 << 9;
 const HAS_GNSS: u32 = 1 << 10;
 const FIXED: u32 = 1 << 11;
 const HAS_VISION: u32 = 1 << 12;
+const BENCH: u32 = 1 << 13;
 /// Eight bits from here on, the pilot's mode by its place in [`Mode::ALL`].
 const MODE_SHIFT: u32 = 16;
 /// Two bits from here on, what is asked of the bench: 0 nothing, 1 to turn motors, 2 to check the wiring, 3 to stop.
@@ -65,10 +66,12 @@ impl Record {
             words[0] |= HAS_BATTERY;
             [words[10], words[11]] = [value.to_bits(), self.age_us(time_us)];
         }
-        if let Command::Run(shares) = self.command {
-            words[0] |= RUNS;
-            put(&mut words[12..16], &shares);
-        }
+        put(&mut words[12..16], &self.command.speeds());
+        words[0] |= match self.command {
+            Command::Stop => 0,
+            Command::Run(_) => RUNS,
+            Command::Bench(_) => BENCH,
+        };
         if let Some(Stamped { time_us, value: PilotInput { sticks: s, arm, mode } }) = pilot {
             let place = Mode::ALL.iter().position(|&known| known == mode).unwrap_or(0) as u32;
             words[0] |= HAS_PILOT | bit(arm, ARM) | place << MODE_SHIFT;
@@ -170,7 +173,11 @@ impl Record {
                 self_test_passed: has(TESTED),
                 parameters_valid: has(VALID),
             },
-            command: if has(RUNS) { Command::Run([12, 13, 14, 15].map(float)) } else { Command::Stop },
+            command: match (has(RUNS), has(BENCH)) {
+                (true, _) => Command::Run([12, 13, 14, 15].map(float)),
+                (_, true) => Command::Bench([12, 13, 14, 15].map(float)),
+                _ => Command::Stop,
+            },
         }
     }
 
@@ -241,7 +248,8 @@ mod tests {
         };
         let asked = |order| Record { arrived: Arrived { bench: Some(order), ..Arrived::default() }, ..bare };
         let all = BenchOrder::Motors(MotorTestOrder { rotor: None, share: 0.2, seconds: 1.0 });
-        for record in [bare, full, asked(all), asked(BenchOrder::Wiring), asked(BenchOrder::Stop)] {
+        let turns = Record { command: Command::Bench([0.0, 0.3, 0.0, 0.0]), ..bare };
+        for record in [bare, full, turns, asked(all), asked(BenchOrder::Wiring), asked(BenchOrder::Stop)] {
             assert_eq!(Record::from_words(&record.to_words()), record);
         }
     }

@@ -52,8 +52,7 @@ impl Tally {
         let report = &mut self.report;
         report.steps = report.steps.saturating_add(1);
         report.blind = report.blind.saturating_add((!has_sample).into());
-        let shares = if let Command::Run(shares) = command { shares } else { [0.0; 4] };
-        report.hash = shares.into_iter().fold(report.hash, hash);
+        report.hash = command.speeds().into_iter().fold(report.hash, hash);
         report.cycles_max = report.cycles_max.max(cycles);
         report.command = command;
     }

@@ -1,22 +1,50 @@
-//! The station's line: parameters are asked for and set over it, in the records of `flight-link`. Below control.
+//! The station: it is told how the machine is, asks for and sets parameters, and lets rotors turn on the bench, in the records
+//! of `flight-link` over the lines of `line.rs`. Below control.
+//!
+//! ```text
+//! control ─► snapshot, ten a second, the newest only ─► lines
+//! lines ─► records ─► order for the bench ─► control ─► whether it was obeyed
+//! ```
+//!
+//! A test on the bench ends when no line has brought a record for [`SILENCE_US`]: control looks itself, so that it does
+//! even where all below it hangs.
 //!
 //! A value that is set is stored at once and flies from the next start on. Nothing is stored while a motor may turn, and
 //! nothing arms while something is stored: the flash holds up the program for some 16 µs a word. Where a save needs a sector
 //! erased, which takes longer than the watchdog waits, the board starts anew and saves before the watchdog runs
 //! (`stored.rs`).
-use core::sync::atomic::{AtomicBool, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
+use control_core::autopilot::BenchOrder;
+use control_core::motor_test::{MotorTestOrder, SECONDS_MAX, SHARE_MAX};
 use control_core::parameters::{Parameters, TABLE, index_of};
 use cortex_m::peripheral::SCB;
 use embassy_futures::block_on;
-use embassy_stm32::mode::Async;
-use embassy_stm32::usart::{RingBufferedUartRx, UartTx};
-use embassy_time::Timer;
+use embassy_futures::select::{Either, select};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+use embassy_time::{Duration, TimeoutError, with_timeout};
 use firmware::stored::{Loaded, SaveError};
-use flight_link::{Decoder, FRAME_BYTES_MAX, Outcome, ParameterName, Record, encode};
+use firmware::telemetry::Snapshot;
+use flight_link::{FromBoard, MotorTest, Order, Outcome, ParameterName, Status, ToBoard, VERSION, Verdict};
 
 use crate::board::Store;
 use crate::kept::Kept;
+use crate::line::{Line, RECORDS, SERIAL};
+use crate::tasks::now_us;
+
+/// How long no record may come before a test on the bench ends, µs.
+const SILENCE_US: u32 = 500_000;
+/// How long control may take to look at an order: a hundred steps.
+const CONTROL_PATIENCE: Duration = Duration::from_millis(50);
+
+/// The newest snapshot of flight.
+pub(crate) static SNAPSHOT: Signal<CriticalSectionRawMutex, Snapshot> = Signal::new();
+/// What is asked of the bench, and whether control has done it.
+static ORDER: Signal<CriticalSectionRawMutex, BenchOrder> = Signal::new();
+static OBEYED: Signal<CriticalSectionRawMutex, bool> = Signal::new();
+/// When a record came last, µs, the lower 32 bits.
+static HEARD_US: AtomicU32 = AtomicU32::new(0);
 
 /// A motor may turn.
 static RUNS: AtomicBool = AtomicBool::new(false);
@@ -34,6 +62,20 @@ pub(crate) fn note_motors(run: bool) {
 /// Whether something is being stored, and nothing must arm.
 pub(crate) fn stores() -> bool {
     STORES.load(Ordering::Relaxed)
+}
+
+/// What is asked of the bench now. Only the control task calls this.
+///
+/// - `armed`: whether it is, so that nothing will be done.
+/// - `on_bench`: whether a test runs.
+pub(crate) fn order(now_us: u64, armed: bool, on_bench: bool) -> Option<BenchOrder> {
+    let order = ORDER.try_take();
+    if order.is_some() {
+        OBEYED.signal(!armed);
+    }
+    // A test takes less than the 71 minutes after which these bits come again.
+    let silent = (now_us as u32).wrapping_sub(HEARD_US.load(Ordering::Relaxed)) > SILENCE_US;
+    order.or((on_bench && silent).then_some(BenchOrder::Stop))
 }
 
 /// Loads the parameters, and stores one that had to wait for this start. From then on no sector is erased.
@@ -58,55 +100,92 @@ pub(crate) fn load(store: &mut Store) -> Loaded {
     loaded
 }
 
-/// Listens to the station and answers.
+/// Tells the station how the machine is, and does what it asks for.
 #[embassy_executor::task]
-pub(crate) async fn converse(
-    mut hear: RingBufferedUartRx<'static>,
-    mut say: UartTx<'static, Async>,
-    mut store: Store,
-    mut parameters: Parameters,
-) -> ! {
-    let mut decoder = Decoder::new();
-    let mut bytes = [0; 64];
+pub(crate) async fn converse(mut store: Store, mut parameters: Parameters) -> ! {
     loop {
-        // After noise or an overrun the line is listened to anew: frames have checksums.
-        let Ok(count) = hear.read(&mut bytes).await else { continue };
-        for &byte in &bytes[..count] {
-            let wish = decoder.push(byte);
-            let Some((name, outcome)) = wish.and_then(|wish| consider(wish, &mut store, &mut parameters)) else {
-                continue;
-            };
-            let value = core::str::from_utf8(&name).ok().and_then(|name| parameters.get(name.trim_end_matches('\0')));
-            let answer = Record::Parameter(name, value.unwrap_or(f32::NAN), outcome);
-            let mut place = [0; FRAME_BYTES_MAX];
-            if let Ok(frame) = encode(&answer, &mut place) {
-                // Nobody to tell whom that the line does not work.
-                let _ = say.write(frame).await;
+        match select(RECORDS.receive(), SNAPSHOT.wait()).await {
+            Either::First((line, record)) => {
+                HEARD_US.store(now_us() as u32, Ordering::Relaxed);
+                answer(line, record, &mut store, &mut parameters).await;
             }
-            if outcome == Outcome::Restarting {
-                // The last two bytes are still on their way.
-                Timer::after_millis(1).await;
-                SCB::sys_reset();
-            }
-            STORES.store(false, Ordering::Relaxed);
+            Either::Second(snapshot) => tell(&SERIAL, &snapshot),
         }
     }
 }
 
-/// Does what a record wishes; returns the parameter it is about and what became of it.
-fn consider(wish: Record, store: &mut Store, parameters: &mut Parameters) -> Option<(ParameterName, Outcome)> {
-    let (name, value) = match wish {
-        Record::SetParameter(name, value) => (name, Some(value)),
-        Record::GetParameter(name) => (name, None),
-        _ => return None,
+/// Says how the machine is.
+fn tell(line: &Line, snapshot: &Snapshot) {
+    let Snapshot { status, motion, rotors } = *snapshot;
+    line.say(&FromBoard::Status(Status { dropped: line.dropped(), ..status }));
+    line.say(&FromBoard::Motion(motion));
+    line.say(&FromBoard::Rotors(rotors));
+}
+
+async fn answer(line: &Line, record: ToBoard, store: &mut Store, parameters: &mut Parameters) {
+    let (restarts, record) = match record {
+        ToBoard::SetParameter(name, value) => consider(name, Some(value), store, parameters),
+        ToBoard::GetParameter(name) => consider(name, None, store, parameters),
+        ToBoard::Hello => (false, FromBoard::Hello(VERSION)),
+        ToBoard::Order(order) => {
+            let verdict = obey(order).await;
+            (order == Order::Restart && verdict == Verdict::Done, FromBoard::Ordered(verdict))
+        }
+        ToBoard::VisionPose(_) => return,
     };
+    line.say(&record);
+    if restarts {
+        line.drain().await;
+        SCB::sys_reset();
+    }
+    STORES.store(false, Ordering::Relaxed);
+}
+
+/// Does what is ordered; returns what became of it.
+async fn obey(order: Order) -> Verdict {
+    let order = match order {
+        Order::MotorTest(MotorTest { rotor, share, seconds }) => {
+            let within = |x: f32, most: f32| x > 0.0 && x <= most;
+            if rotor.is_some_and(|rotor| rotor > 3) || !within(share, SHARE_MAX) || !within(seconds, SECONDS_MAX) {
+                return Verdict::OutOfRange;
+            }
+            BenchOrder::Motors(MotorTestOrder { rotor: rotor.map(usize::from), share, seconds })
+        }
+        Order::WiringCheck => BenchOrder::Wiring,
+        Order::Stop => BenchOrder::Stop,
+        Order::Restart => {
+            // As for storing: nothing arms between this and the reset.
+            STORES.store(true, Ordering::SeqCst);
+            return if RUNS.load(Ordering::SeqCst) { Verdict::Armed } else { Verdict::Done };
+        }
+    };
+    OBEYED.reset();
+    ORDER.signal(order);
+    match with_timeout(CONTROL_PATIENCE, OBEYED.wait()).await {
+        Ok(true) => Verdict::Done,
+        Ok(false) => Verdict::Armed,
+        Err(TimeoutError) => {
+            ORDER.reset();
+            Verdict::Unheard
+        }
+    }
+}
+
+/// Says a parameter, or keeps a value of it; whether the board starts anew then, and the answer.
+fn consider(
+    name: ParameterName,
+    value: Option<f32>,
+    store: &mut Store,
+    parameters: &mut Parameters,
+) -> (bool, FromBoard) {
     let known = core::str::from_utf8(&name).ok().and_then(|name| index_of(name.trim_end_matches('\0')));
     let outcome = match (known, value) {
         (None, _) => Outcome::Unknown,
         (Some(_), None) => Outcome::Said,
         (Some(place), Some(value)) => set(place, value, store, parameters),
     };
-    Some((name, outcome))
+    let value = known.and_then(|place| parameters.iter().nth(place)).map_or(f32::NAN, |(_, value)| value);
+    (outcome == Outcome::Restarting, FromBoard::Parameter(name, value, outcome))
 }
 
 /// Stores a value, if it may be.

@@ -27,9 +27,10 @@ use crate::board::{self, BATTERY_DIVIDER, BUFFERS, Battery, Board, Buffers, Radi
 use crate::fault;
 use crate::gnss::{GNSS, locate};
 use crate::imu::Imu;
+use crate::line;
 use crate::motors::Motors;
 use crate::sensors::{BARO_ALTITUDE_M, BAROMETER_FOUND, MAGNETIC_UT, sense};
-use crate::station;
+use crate::station::{self, SNAPSHOT};
 use crate::vision::{VISION, see};
 use firmware::battery::volts;
 use firmware::crsf::Receiver;
@@ -39,6 +40,7 @@ use firmware::pace::Pace;
 use firmware::pilot;
 use firmware::record::Record;
 use firmware::report::{Report, Tally};
+use firmware::telemetry::{Pass, Telemetry};
 
 /// Reports that may wait for the log: it would have to hang for as many seconds to miss one.
 const REPORTS: usize = 4;
@@ -101,8 +103,9 @@ pub(crate) fn start(spawner: Spawner) {
     spawner.spawn(see(vision).expect("see is started once"));
     let (say, hear) = station;
     let buffer = singleton!(: [u8; STATION_BYTES] = [0; STATION_BYTES]).expect("start runs once");
-    let converse = station::converse(hear.into_ring_buffered(buffer), say, store, loaded.parameters);
-    spawner.spawn(converse.expect("converse is started once"));
+    spawner.spawn(line::hear(hear.into_ring_buffered(buffer)).expect("hear is started once"));
+    spawner.spawn(line::speak(say).expect("speak is started once"));
+    spawner.spawn(station::converse(store, loaded.parameters).expect("converse is started once"));
     spawner.spawn(measure_battery(battery).expect("measure_battery is started once"));
     spawner.spawn(log(consumer, status).expect("log is started once"));
 }
@@ -122,6 +125,7 @@ async fn control(
         defmt::error!("the inertial unit says it is {=u8:#04x}, expected {=u8:#04x}", who, WHO_AM_I.1);
     }
     let mut tally = Tally::new(SAMPLE_HZ);
+    let mut telemetry = Telemetry::new(SAMPLE_HZ);
     let mut pace = Pace::new(SAMPLE_HZ, now_us());
     let (mut number, mut late) = (0_u32, false);
     watchdog.unleash();
@@ -129,11 +133,12 @@ async fn control(
         imu.wait().await;
         let (time_us, started) = (now_us(), DWT::cycle_count());
         let measurements = read(&mut imu, time_us).await;
+        let armed = flight.helm().decision().is_some_and(|decision| decision.armed);
         let arrived = Arrived {
             measurements,
             pilot: PILOT.try_take(),
             offboard: None,
-            bench: None,
+            bench: station::order(time_us, armed, flight.helm().state().bench().is_some()),
             late,
             // What is soldered on; what a builder may leave out is the estimator's to miss. And nothing arms while the flash holds
             // up the program.
@@ -144,15 +149,20 @@ async fn control(
         station::note_motors(command != Command::Stop);
         motors.write(command).await;
         number = number.wrapping_add(1);
-        black_box::keep(&Record { step: number, time_us, arrived, command });
+        let record = Record { step: number, time_us, arrived, command };
+        black_box::keep(&record);
         if let Some(decision) = flight.helm().decision().filter(|decision| decision.refused) {
             tally.refuse(decision.failing);
         }
         tally.step(measurements.imu.is_some(), command, DWT::cycle_count().wrapping_sub(started));
         let done_us = now_us();
         late = pace.finish(done_us);
+        let took_us = done_us.saturating_sub(time_us);
+        if let Some(snapshot) = telemetry.note(&record, flight, Pass { took_us, late }) {
+            SNAPSHOT.signal(snapshot);
+        }
         // By what the step took, not by when it came: an inertial unit that is gone is no reason to reset in the air.
-        if done_us.saturating_sub(time_us) < STEP_US_MAX {
+        if took_us < STEP_US_MAX {
             watchdog.pet();
         }
         if let Some(report) = tally.close(late) {
@@ -234,7 +244,9 @@ fn write(report: &Report) {
     }
     match command {
         Command::Stop => defmt::info!("motors stand"),
-        Command::Run([m1, m2, m3, m4]) => defmt::info!("motors {=f32} {=f32} {=f32} {=f32}", m1, m2, m3, m4),
+        Command::Run([m1, m2, m3, m4]) | Command::Bench([m1, m2, m3, m4]) => {
+            defmt::info!("motors {=f32} {=f32} {=f32} {=f32}", m1, m2, m3, m4);
+        }
     }
 }
 

@@ -20,6 +20,8 @@ extern crate std;
 
 mod frame;
 mod record;
+mod telemetry;
 
 pub use frame::{Decoder, EncodeError, FRAME_BYTES_MAX, checksum, encode};
-pub use record::{Outcome, ParameterName, Record, VisionPose};
+pub use record::{FromBoard, MotorTest, Order, Outcome, ParameterName, ToBoard, VERSION, Verdict, VisionPose};
+pub use telemetry::{Motion, Rotors, Status, Wiring};

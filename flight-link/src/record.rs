@@ -4,18 +4,79 @@
 //! right, down and world north, east, down.
 use serde::{Deserialize, Serialize};
 
-/// What a frame holds.
+use crate::{Motion, Rotors, Status};
+
+/// Version of the records: raised when what was said means something else than before.
+pub const VERSION: u8 = 1;
+
+/// What a frame to the machine holds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Record {
-    /// To the machine: where it is, seen from outside.
+pub enum ToBoard {
+    /// Where it is, seen from outside.
     VisionPose(VisionPose),
-    /// To the machine: keep this value of a parameter for good.
+    /// Keep this value of a parameter for good.
     SetParameter(ParameterName, f32),
-    /// To the machine: say a parameter.
+    /// Say a parameter.
     GetParameter(ParameterName),
-    /// From the machine, in answer to both: the value that will fly from the next start on, NaN if there is no such
+    /// Say your version of the records; and a sign of life, which a test on the bench needs.
+    Hello,
+    /// Do something on the ground.
+    Order(Order),
+}
+
+/// What a frame from the machine holds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum FromBoard {
+    /// In answer to a wish about a parameter: the value that will fly from the next start on, NaN if there is no such
     /// parameter, and what became of the wish.
     Parameter(ParameterName, f32, Outcome),
+    /// In answer to a hello: [`VERSION`] of whoever built the machine's program.
+    Hello(u8),
+    /// In answer to an order.
+    Ordered(Verdict),
+    /// How it is.
+    Status(Status),
+    /// How it moves.
+    Motion(Motion),
+    /// What its rotors do.
+    Rotors(Rotors),
+}
+
+/// What is only done on the ground, disarmed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Order {
+    /// Turn rotors for people to look at; ends when its line falls silent for half a second.
+    MotorTest(MotorTest),
+    /// Find out which rotor answers to which command; ends as a motor test does.
+    WiringCheck,
+    /// End whatever turns a rotor on the bench.
+    Stop,
+    /// Start anew.
+    Restart,
+}
+
+/// A motor test.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MotorTest {
+    /// Rotor 0 to 3; all in turn if there is none.
+    pub rotor: Option<u8>,
+    /// Command, share of full.
+    pub share: f32,
+    /// How long each turns, s.
+    pub seconds: f32,
+}
+
+/// What became of an order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Verdict {
+    /// It is done, or has begun.
+    Done,
+    /// It is armed.
+    Armed,
+    /// A rotor that is none, or a share or a time beyond what a motor test may take.
+    OutOfRange,
+    /// The control loop does not run.
+    Unheard,
 }
 
 /// A parameter's name in ASCII, filled up with zeros.

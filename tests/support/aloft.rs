@@ -3,6 +3,7 @@
 //! Noise is white, of about the part's size. A rotor's thrust grows with the square of what its controller is told.
 use crate::motion::Noise;
 use control_core::frames::Vec3;
+use flight_link::{Decoder, FRAME_BYTES_MAX, FromBoard, ToBoard, encode};
 use nalgebra::Vector3;
 use sim_host::actuators::Drive;
 use sim_host::emulator::{Answer, Emulator, Mishap, Motion};
@@ -47,6 +48,7 @@ pub struct Aloft {
     vehicle: Vehicle,
     noise: Noise,
     samples: u32,
+    decoder: Decoder<FromBoard>,
     /// The image's last answer.
     pub answer: Answer,
 }
@@ -77,12 +79,29 @@ impl Aloft {
         emulator.move_body(&Motion { force_m_s2: [0.0, 0.0, -9.81], rate_rad_s: [0.0; 3] });
         let answer = emulator.period().expect("the image boots");
         let actuation = Actuation { drives: [drive; 4], gust: Gust::default() };
-        Self { emulator, plant, actuation, vehicle, noise: Noise::new(7), samples: 0, answer }
+        Self { emulator, plant, actuation, vehicle, noise: Noise::new(7), samples: 0, decoder: Decoder::new(), answer }
     }
 
     /// Does something to the chip that no program should.
     pub fn inflict(&mut self, mishap: Mishap) {
         self.emulator.inflict(mishap);
+    }
+
+    /// Lets the station say something.
+    ///
+    /// # Panics
+    /// If it is too long.
+    pub fn say(&mut self, record: &ToBoard) {
+        self.emulator.send_station(encode(record, &mut [0; FRAME_BYTES_MAX]).expect("it fits"));
+    }
+
+    /// What the station has heard since it last asked.
+    ///
+    /// # Panics
+    /// If the image does what the emulator does not model.
+    pub fn heard(&mut self) -> Vec<FromBoard> {
+        let (_, bytes) = self.emulator.station_heard().expect("the image runs");
+        bytes.into_iter().filter_map(|byte| self.decoder.push(byte)).collect()
     }
 
     /// The truth now.

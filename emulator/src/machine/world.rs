@@ -5,7 +5,7 @@ use crate::board;
 use crate::device::crsf;
 use crate::device::sensor_bus::Health;
 use crate::device::ublox::Fix;
-use flight_link::{FRAME_BYTES_MAX, Record, VisionPose, encode};
+use flight_link::{FRAME_BYTES_MAX, ToBoard, VisionPose, encode};
 use unicorn_engine::RegisterARM as R;
 
 /// An address without memory.
@@ -70,7 +70,7 @@ impl Machine {
     pub fn send_pose(&mut self, pose: VisionPose) {
         let mut place = [0; FRAME_BYTES_MAX];
         // A pose is far shorter than the longest frame.
-        let frame = encode(&Record::VisionPose(pose), &mut place).unwrap_or(&[]);
+        let frame = encode(&ToBoard::VisionPose(pose), &mut place).unwrap_or(&[]);
         self.state.borrow_mut().chip.hear(board::VISION, frame, board::VISION_BAUD);
     }
 

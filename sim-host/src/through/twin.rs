@@ -171,5 +171,5 @@ impl Twin {
 
 /// A command, for a comparison that no two zeros and no two NaNs pass.
 fn bits(command: Command) -> Option<[u32; 4]> {
-    if let Command::Run(shares) = command { Some(shares.map(f32::to_bits)) } else { None }
+    (command != Command::Stop).then(|| command.speeds().map(f32::to_bits))
 }

@@ -1,0 +1,92 @@
+//! A line to the station: frames wait in it, and whoever writes them never waits for the line.
+//!
+//! Which bytes are framed on it is nobody's matter here: a line carries bytes.
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use embassy_stm32::mode::Async;
+use embassy_stm32::usart::{RingBufferedUartRx, UartTx};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::channel::Channel;
+use embassy_sync::pipe::Pipe;
+use embassy_time::Timer;
+use flight_link::{Decoder, FRAME_BYTES_MAX, FromBoard, ToBoard, encode};
+
+/// Bytes that may wait on a line: what is said ten times a second, and an answer.
+const WAITING: usize = 512;
+/// Bytes that are handed to a port at once.
+const CHUNK: usize = 64;
+/// Records that may wait to be considered.
+const HEARD: usize = 4;
+
+/// What has been heard, and on which line.
+pub(crate) static RECORDS: Channel<CriticalSectionRawMutex, (&'static Line, ToBoard), HEARD> = Channel::new();
+/// The serial port.
+pub(crate) static SERIAL: Line = Line::new();
+
+/// One line.
+pub(crate) struct Line {
+    waiting: Pipe<CriticalSectionRawMutex, WAITING>,
+    dropped: AtomicU32,
+}
+
+impl Line {
+    const fn new() -> Self {
+        Self { waiting: Pipe::new(), dropped: AtomicU32::new(0) }
+    }
+
+    /// Puts a record's frame behind those that wait; drops it if there is no room, and counts that.
+    pub(crate) fn say(&self, record: &FromBoard) {
+        let mut place = [0; FRAME_BYTES_MAX];
+        let Ok(mut frame) = encode(record, &mut place) else { return };
+        if self.waiting.free_capacity() < frame.len() {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+            return;
+        }
+        // In two parts where the pipe's memory ends. Only one task writes.
+        while let Ok(count @ 1..) = self.waiting.try_write(frame) {
+            frame = frame.get(count..).unwrap_or_default();
+        }
+    }
+
+    /// Records that there was no room for.
+    pub(crate) fn dropped(&self) -> u32 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+
+    /// Waits until all is on the wire, but no longer than a full line takes.
+    pub(crate) async fn drain(&self) {
+        for _ in 0..50 {
+            Timer::after_millis(1).await;
+            if self.waiting.is_empty() {
+                break;
+            }
+        }
+        // The last bytes are still on their way.
+        Timer::after_millis(6).await;
+    }
+}
+
+/// Passes on what is heard over the serial port.
+#[embassy_executor::task]
+pub(crate) async fn hear(mut port: RingBufferedUartRx<'static>) -> ! {
+    let mut decoder = Decoder::new();
+    let mut bytes = [0; CHUNK];
+    loop {
+        // After noise or an overrun the line is listened to anew: frames have checksums.
+        let Ok(count) = port.read(&mut bytes).await else { continue };
+        for record in bytes[..count].iter().filter_map(|&byte| decoder.push(byte)) {
+            RECORDS.send((&SERIAL, record)).await;
+        }
+    }
+}
+
+/// Sends what waits for the serial port.
+#[embassy_executor::task]
+pub(crate) async fn speak(mut port: UartTx<'static, Async>) -> ! {
+    let mut bytes = [0; CHUNK];
+    loop {
+        let count = SERIAL.waiting.read(&mut bytes).await;
+        // Nobody to tell whom that the line does not work.
+        let _ = port.write(&bytes[..count]).await;
+    }
+}
