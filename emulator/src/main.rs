@@ -1,11 +1,15 @@
-//! `emulator`: boots an image and prints its log, or flies it in lock-step with another program.
+//! `emulator`: boots an image and prints its log, serves its station's line, or flies it in lock-step with another program.
 use anyhow::{Context, Result};
 use clap::Parser;
 use emulator::{Image, Load, Log, Machine, Motors, Task, pipe};
-use std::io::{BufReader, BufWriter, stdin, stdout};
+use std::io::{BufReader, BufWriter, ErrorKind, Read, Write, stdin, stdout};
+use std::net::{Ipv4Addr, TcpListener, TcpStream};
 use std::path::PathBuf;
-use std::time::Instant;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
+/// How long to run, s.
+const SECONDS: f64 = 3.0;
 /// How often the log is fetched, s: faster than the image fills its buffer.
 const LOOK_S: f64 = 0.01;
 /// Radio frames a second.
@@ -26,11 +30,14 @@ const TREMBLE_RAD_S: f32 = 0.002;
 struct Cli {
     /// The ELF that would be flashed.
     image: PathBuf,
-    /// How long to run, s of the board's time.
-    #[arg(long, default_value_t = 3.0)]
-    seconds: f64,
+    /// How long to run, s of the board's time; 3, or with a station until interrupted.
+    #[arg(long)]
+    seconds: Option<f64>,
+    /// Serve the station's line at this TCP port of this computer, any free one if 0, and run no faster than time passes.
+    #[arg(long, value_name = "PORT")]
+    station: Option<u16>,
     /// Serve another program over standard input and output instead (docs/emulator.md).
-    #[arg(long, conflicts_with = "seconds")]
+    #[arg(long, conflicts_with_all = ["seconds", "station"])]
     pipe: bool,
 }
 
@@ -43,23 +50,26 @@ fn main() -> Result<()> {
     let mut machine = Machine::new(&image)?;
     machine.watch_tasks(Task::all(&cli.image, &image)?);
     let started = Instant::now();
-    let result = watch(&mut machine, &image, cli.seconds);
+    let mut station = cli.station.map(Station::bind).transpose()?;
+    let seconds = cli.seconds.unwrap_or(if station.is_some() { f64::INFINITY } else { SECONDS });
+    let result = watch(&mut machine, &image, seconds, station.as_mut());
     for fault in machine.faults() {
         println!("fault: {fault}");
     }
     result?;
-    report(&machine, cli.seconds / started.elapsed().as_secs_f64())
+    report(&machine, seconds / started.elapsed().as_secs_f64())
 }
 
 /// Runs the image and prints its log.
-fn watch(machine: &mut Machine, image: &Image, seconds: f64) -> Result<()> {
+fn watch(machine: &mut Machine, image: &Image, seconds: f64, mut station: Option<&mut Station>) -> Result<()> {
     let mut log = Log::new(image)?;
-    let mut looks = 0_u16;
+    let started = Instant::now();
+    let mut looks = 0_u32;
     while f64::from(looks) * LOOK_S < seconds {
         if f64::from(looks) % (RADIO_S / LOOK_S) < 1.0 && machine.next_sample().is_some() {
             machine.send_channels(HANDS_OFF);
         }
-        let tremble = TREMBLE_RAD_S * f32::from(looks % 5);
+        let tremble = TREMBLE_RAD_S * (looks % 5) as f32;
         machine.move_body(AT_REST_M_S2.map(|force| force + tremble), [tremble, -tremble, tremble]);
         let until = machine.now() + (LOOK_S * machine.core_hz() as f64) as u64;
         let result = machine.run_until(until);
@@ -68,8 +78,49 @@ fn watch(machine: &mut Machine, image: &Image, seconds: f64) -> Result<()> {
         }
         result.with_context(|| format!("after {} cycles", machine.now()))?;
         looks += 1;
+        if let Some(station) = &mut station {
+            station.exchange(machine);
+            sleep(Duration::from_secs_f64(f64::from(looks) * LOOK_S).saturating_sub(started.elapsed()));
+        }
     }
     Ok(())
+}
+
+/// The other end of the station's line: one program at a time.
+struct Station {
+    listener: TcpListener,
+    caller: Option<TcpStream>,
+}
+
+impl Station {
+    fn bind(port: u16) -> Result<Self> {
+        let bound = TcpListener::bind((Ipv4Addr::LOCALHOST, port));
+        let listener = bound.with_context(|| format!("--station = {port}: cannot be served"))?;
+        listener.set_nonblocking(true)?;
+        println!("the station's line is at tcp:{}", listener.local_addr()?);
+        Ok(Self { listener, caller: None })
+    }
+
+    /// Passes on what either side has said. A caller who has gone, or does not read, is hung up on.
+    fn exchange(&mut self, machine: &mut Machine) {
+        if let Ok((caller, _)) = self.listener.accept() {
+            self.caller = caller.set_nonblocking(true).is_ok().then_some(caller);
+        }
+        let told = machine.told_station();
+        let Some(caller) = &mut self.caller else { return };
+        let mut bytes = [0; 256];
+        let alive = match caller.read(&mut bytes) {
+            Ok(0) => false,
+            Ok(count) => {
+                machine.hear_station(&bytes[..count]);
+                true
+            }
+            Err(error) => error.kind() == ErrorKind::WouldBlock,
+        };
+        if !alive || caller.write_all(&told).is_err() {
+            self.caller = None;
+        }
+    }
 }
 
 fn report(machine: &Machine, speed: f64) -> Result<()> {

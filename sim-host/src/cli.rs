@@ -23,6 +23,7 @@ mod limits;
 mod params;
 mod replay;
 mod sensors;
+mod station;
 mod suite;
 mod through;
 
@@ -54,6 +55,8 @@ enum Command {
     Replay(replay::ReplayArgs),
     /// Print the parameters of the flight logic: names, ranges, values.
     Params(params::ParamsArgs),
+    /// Speak with a board over its serial port or USB: parameters, how it is, its rotors on the bench.
+    Station(station::StationArgs),
     /// Print the JSON Schema of a scenario.
     Schema,
 }
@@ -124,6 +127,7 @@ pub fn run() -> ExitCode {
         Command::Estimate(args) => estimate::estimate(args),
         Command::Replay(args) => replay::replay(args),
         Command::Params(args) => params::params(args),
+        Command::Station(args) => station::station(args),
         Command::Schema => schema(),
     };
     result.map_or_else(

@@ -7,7 +7,7 @@ use control_core::geodesy::Geodetic;
 use control_core::measurement::{Gnss, Vision};
 use firmware::record::{Record, WORDS};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
-use std::io::{self, BufReader, Read, Write};
+use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::{Mutex, PoisonError};
@@ -348,6 +348,41 @@ fn quaternion(attitude: &Attitude) -> [f32; 4] {
 /// Numbers as the pipe carries them.
 fn bytes_of(numbers: &[f32]) -> Vec<u8> {
     numbers.iter().flat_map(|number| number.to_le_bytes()).collect()
+}
+
+/// A running image whose station's line is served at a port of this computer, as fast as time passes.
+pub struct Served {
+    child: Child,
+    /// `tcp:HOST:PORT`.
+    pub line: String,
+    /// Nobody reads the log, but it must not break.
+    _log: BufReader<ChildStdout>,
+}
+
+impl Served {
+    /// Switches a board on, for so many seconds.
+    ///
+    /// # Errors
+    /// As [`Emulator::start`].
+    pub fn start(seconds: u32) -> Result<Self, EmulatorError> {
+        let Parts { emulator, image } = parts()?;
+        let mut command = Command::new(emulator);
+        command.arg(image).args(["--station", "0", "--seconds", &seconds.to_string()]).stdout(Stdio::piped());
+        let mut child = command.spawn()?;
+        let mut log = BufReader::new(child.stdout.take().ok_or_else(|| io::Error::other("no pipe"))?);
+        let mut first = String::new();
+        log.read_line(&mut first)?;
+        let line = first.trim_end().rsplit(' ').next().unwrap_or_default().to_owned();
+        Ok(Self { child, line, _log: log })
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        // As below.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
 }
 
 impl Drop for Emulator {

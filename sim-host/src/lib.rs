@@ -26,6 +26,7 @@ pub mod report;
 pub mod scenario;
 pub mod sensors;
 pub mod sortie;
+pub mod station;
 pub mod through;
 pub mod vehicle;
 pub mod wind;

@@ -60,7 +60,7 @@ fn set(parameters: &mut Parameters, assignment: &str) -> Result<(), Failure> {
     parameters.set(name.trim(), value).map(|_| ()).map_err(|error| Failure::bad_input(format!("{assignment}: {error}")))
 }
 
-fn table(parameters: &Parameters, style: comfy_table::TableStyle) -> Table {
+pub(super) fn table(parameters: &Parameters, style: comfy_table::TableStyle) -> Table {
     let mut table = Table::new();
     let header = ["name", "value", "from", "to", "unit", "what"];
     let rows = parameters.iter().map(|(declaration, value)| {
