@@ -122,7 +122,7 @@ impl Chip {
             i2c: Default::default(),
             dma: [Dma::new(1), Dma::new(2)],
             adc: Adc::default(),
-            otg: Otg::default(),
+            otg: Otg::new(),
             board: Board::new(),
         }
     }
@@ -277,7 +277,7 @@ impl Chip {
             Unit::I2c(n) => self.i2c[n].write(offset, value, t),
             Unit::Dma(n) => self.dma[n].write(offset, value),
             Unit::Adc => self.adc.write(offset, value, t),
-            Unit::Otg => self.otg.write(offset, value),
+            Unit::Otg => self.otg.write(offset, value, t),
             Unit::Board => None,
         }
     }
@@ -299,7 +299,7 @@ impl Chip {
                 Unit::Adc => self.adc = Adc::default(),
                 Unit::Syscfg => self.syscfg = Syscfg::default(),
                 Unit::Pwr => self.pwr = Pwr::new(),
-                Unit::Otg => self.otg = Otg::default(),
+                Unit::Otg => self.otg = Otg::new(),
                 _ => continue,
             }
             self.refresh(unit);

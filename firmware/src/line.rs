@@ -1,7 +1,7 @@
-//! A line to the station: frames wait in it, and whoever writes them never waits for the line.
+//! A line to the station, the serial port or USB: frames wait in it, and whoever writes them never waits for the line.
 //!
 //! Which bytes are framed on it is nobody's matter here: a line carries bytes.
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use embassy_stm32::mode::Async;
 use embassy_stm32::usart::{RingBufferedUartRx, UartTx};
@@ -21,21 +21,39 @@ const HEARD: usize = 4;
 /// What has been heard, and on which line.
 pub(crate) static RECORDS: Channel<CriticalSectionRawMutex, (&'static Line, ToBoard), HEARD> = Channel::new();
 /// The serial port.
-pub(crate) static SERIAL: Line = Line::new();
+pub(crate) static SERIAL: Line = Line::new(true);
+/// The port of a computer.
+pub(crate) static USB: Line = Line::new(false);
 
 /// One line.
 pub(crate) struct Line {
     waiting: Pipe<CriticalSectionRawMutex, WAITING>,
     dropped: AtomicU32,
+    /// Whether somebody may listen.
+    open: AtomicBool,
 }
 
 impl Line {
-    const fn new() -> Self {
-        Self { waiting: Pipe::new(), dropped: AtomicU32::new(0) }
+    const fn new(open: bool) -> Self {
+        Self { waiting: Pipe::new(), dropped: AtomicU32::new(0), open: AtomicBool::new(open) }
+    }
+
+    /// Notes that somebody listens from now on, or nobody; what waits is forgotten.
+    pub(crate) fn set_open(&self, open: bool) {
+        self.open.store(open, Ordering::Relaxed);
+        self.waiting.clear();
+    }
+
+    /// The next bytes to be sent.
+    pub(crate) async fn next(&self, bytes: &mut [u8]) -> usize {
+        self.waiting.read(bytes).await
     }
 
     /// Puts a record's frame behind those that wait; drops it if there is no room, and counts that.
     pub(crate) fn say(&self, record: &FromBoard) {
+        if !self.open.load(Ordering::Relaxed) {
+            return;
+        }
         let mut place = [0; FRAME_BYTES_MAX];
         let Ok(mut frame) = encode(record, &mut place) else { return };
         if self.waiting.free_capacity() < frame.len() {
@@ -62,7 +80,7 @@ impl Line {
             }
         }
         // The last bytes are still on their way.
-        Timer::after_millis(6).await;
+        Timer::after_millis(20).await;
     }
 }
 
@@ -85,7 +103,7 @@ pub(crate) async fn hear(mut port: RingBufferedUartRx<'static>) -> ! {
 pub(crate) async fn speak(mut port: UartTx<'static, Async>) -> ! {
     let mut bytes = [0; CHUNK];
     loop {
-        let count = SERIAL.waiting.read(&mut bytes).await;
+        let count = SERIAL.next(&mut bytes).await;
         // Nobody to tell whom that the line does not work.
         let _ = port.write(&bytes[..count]).await;
     }

@@ -30,6 +30,8 @@ mod station;
 #[cfg(target_os = "none")]
 mod tasks;
 #[cfg(target_os = "none")]
+mod usb;
+#[cfg(target_os = "none")]
 mod vision;
 
 #[cfg(target_os = "none")]

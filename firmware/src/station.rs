@@ -30,7 +30,7 @@ use flight_link::{FromBoard, MotorTest, Order, Outcome, ParameterName, Status, T
 
 use crate::board::Store;
 use crate::kept::Kept;
-use crate::line::{Line, RECORDS, SERIAL};
+use crate::line::{Line, RECORDS, SERIAL, USB};
 use crate::tasks::now_us;
 
 /// How long no record may come before a test on the bench ends, µs.
@@ -109,7 +109,7 @@ pub(crate) async fn converse(mut store: Store, mut parameters: Parameters) -> ! 
                 HEARD_US.store(now_us() as u32, Ordering::Relaxed);
                 answer(line, record, &mut store, &mut parameters).await;
             }
-            Either::Second(snapshot) => tell(&SERIAL, &snapshot),
+            Either::Second(snapshot) => [&SERIAL, &USB].into_iter().for_each(|line| tell(line, &snapshot)),
         }
     }
 }

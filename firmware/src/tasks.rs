@@ -31,6 +31,7 @@ use crate::line;
 use crate::motors::Motors;
 use crate::sensors::{BARO_ALTITUDE_M, BAROMETER_FOUND, MAGNETIC_UT, sense};
 use crate::station::{self, SNAPSHOT};
+use crate::usb;
 use crate::vision::{VISION, see};
 use firmware::battery::volts;
 use firmware::crsf::Receiver;
@@ -69,7 +70,7 @@ pub(crate) fn start(spawner: Spawner) {
     let buffers = singleton!(: Buffers = BUFFERS).expect("start runs once");
     let board = board::init(buffers);
     let Board { motors, imu_bus, imu_select, imu_ready, radio, sensors, gnss, vision, battery, .. } = board;
-    let Board { station, mut store, status, watchdog, bitten, browned_out, .. } = board;
+    let Board { station, usb, mut store, status, watchdog, bitten, browned_out, .. } = board;
     start_cycle_counter();
     defmt::info!("{=str}", board::NAME);
     fault::report();
@@ -105,6 +106,7 @@ pub(crate) fn start(spawner: Spawner) {
     let buffer = singleton!(: [u8; STATION_BYTES] = [0; STATION_BYTES]).expect("start runs once");
     spawner.spawn(line::hear(hear.into_ring_buffered(buffer)).expect("hear is started once"));
     spawner.spawn(line::speak(say).expect("speak is started once"));
+    spawner.spawn(usb::serve(usb).expect("serve is started once"));
     spawner.spawn(station::converse(store, loaded.parameters).expect("converse is started once"));
     spawner.spawn(measure_battery(battery).expect("measure_battery is started once"));
     spawner.spawn(log(consumer, status).expect("log is started once"));

@@ -52,6 +52,10 @@ impl Chip {
                 self.nvic.set_line(18, self.adc.interrupts());
                 next = self.adc.next();
             }
+            Unit::Otg => {
+                self.nvic.set_line(67, self.otg.interrupts());
+                next = self.otg.next();
+            }
             Unit::Board => next = self.board.imu.next(),
             _ => {}
         }
@@ -112,6 +116,7 @@ impl Chip {
                 let value = self.board.convert(self.adc.due());
                 self.adc.converted(value, t);
             }
+            Unit::Otg => self.otg.event(),
             Unit::Board => {
                 if let Some(high) = self.board.event(t.now) {
                     self.drive(board::IMU_READY, high);

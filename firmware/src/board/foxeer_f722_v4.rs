@@ -11,6 +11,7 @@
 //! | GNSS receiver    | PA0, PA1                 | UART4; DMA1 streams 4 and 2                         |
 //! | vision           | PB11                     | USART3; DMA1 stream 1                               |
 //! | station          | PB6, PB7                 | USART1; DMA2 streams 7 and 2                        |
+//! | USB              | PA11, PA12               | OTG_FS                                              |
 //! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11                     |
 //! | status LED       | PC15, low is on          | GPIO                                                |
 //! | parameters       | none                     | the last two sectors of flash                       |
@@ -33,6 +34,7 @@ use embassy_stm32::exti::{self, ExtiInput};
 use embassy_stm32::flash::{Bank1Region3, Blocking as StoreMode, Flash};
 use embassy_stm32::gpio::{AnyPin, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::i2c::{self, I2c};
+use embassy_stm32::peripherals::USB_OTG_FS;
 use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH1, DMA1_CH2, DMA1_CH4, DMA1_CH5, DMA1_CH7};
 use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH1, DMA2_CH3, DMA2_CH5};
 use embassy_stm32::peripherals::{DMA2_CH2, DMA2_CH7, USART1};
@@ -43,6 +45,7 @@ use embassy_stm32::timer::Channel::{Ch1, Ch2, Ch3, Ch4};
 use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
 use embassy_stm32::usart::{self, Uart, UartRx};
+use embassy_stm32::usb;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, interrupt, pac, rcc};
 use firmware::icm42688::Mount;
@@ -51,7 +54,7 @@ use firmware::{crsf, dshot, pose, ubx};
 use super::bank::Bank;
 use super::{
     Battery, Board, Buffers, STATION_BAUD, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensor_bus,
-    store,
+    store, usb_config,
 };
 use crate::gnss;
 use crate::motors::Protocol;
@@ -78,6 +81,7 @@ pub(super) const STORE: Range<u32> = 0x2_0000..0x6_0000;
 pub(super) type WatchdogUnit = IWDG;
 
 bind_interrupts!(pub(crate) struct Irqs {
+    OTG_FS => usb::InterruptHandler<USB_OTG_FS>;
     EXTI4 => exti::InterruptHandler<interrupt::typelevel::EXTI4>;
     I2C1_EV => i2c::EventInterruptHandler<I2C1>;
     I2C1_ER => i2c::ErrorInterruptHandler<I2C1>;
@@ -166,6 +170,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
         station: Uart::new(p.USART1, p.PB7, p.PB6, p.DMA2_CH7, p.DMA2_CH2, Irqs, line_config(STATION_BAUD))
             .expect("the baud rate is within the port's range")
             .split(),
+        usb: usb::Driver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, &mut buffers.usb, usb_config()),
         store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region3),
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PC15, Level::High, Speed::Low),
@@ -195,6 +200,7 @@ fn clocks() -> Config {
         divq: Some(rcc::PllQDiv::DIV9),
         divr: None,
     });
+    config.rcc.mux.clk48sel = rcc::mux::Clk48sel::PLL1_Q;
     config.rcc.ahb_pre = rcc::AHBPrescaler::DIV1;
     config.rcc.apb1_pre = rcc::APBPrescaler::DIV4;
     config.rcc.apb2_pre = rcc::APBPrescaler::DIV2;

@@ -10,11 +10,13 @@ use embassy_stm32::adc::{Adc, AnyAdcChannel};
 use embassy_stm32::exti::ExtiInput;
 use embassy_stm32::gpio::{AnyPin, Level, Output, Speed};
 use embassy_stm32::i2c;
+use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::mode::Async;
-use embassy_stm32::peripherals::ADC1;
+use embassy_stm32::peripherals::{ADC1, USB_OTG_FS};
 use embassy_stm32::spi::{self, Spi};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, RingBufferedUartRx, UartRx, UartTx};
+use embassy_stm32::usb;
 use embassy_stm32::wdg::IndependentWatchdog;
 use firmware::icm42688::{Mount, SPI_HZ_MAX};
 use firmware::stored::Stored;
@@ -71,6 +73,8 @@ pub(crate) struct Board {
     pub(crate) vision: RingBufferedUartRx<'static>,
     /// The station's line, to it and from it.
     pub(crate) station: (UartTx<'static, Async>, UartRx<'static, Async>),
+    /// The station's line by USB.
+    pub(crate) usb: UsbPort,
     /// Where parameters are stored.
     pub(crate) store: Store,
     /// The battery's voltage.
@@ -93,6 +97,8 @@ pub(crate) type ImuBus = Spi<'static, Async, spi::mode::Master>;
 pub(crate) type ImuReady = ExtiInput<'static, Async>;
 /// The radio receiver's line.
 pub(crate) type Radio = RingBufferedUartRx<'static>;
+/// The full-speed port to a computer.
+pub(crate) type UsbPort = usb::Driver<'static, USB_OTG_FS>;
 /// Where parameters are stored.
 pub(crate) type Store = Stored<BlockingAsync<chosen::StoreRegion>>;
 /// The status LED.
@@ -106,10 +112,12 @@ pub(crate) struct Buffers {
     gnss: [u8; 256],
     /// Of external vision: six poses, 3 ms.
     vision: [u8; 256],
+    /// Of the port to a computer: a packet for each endpoint that takes some.
+    usb: [u8; 128],
 }
 
 /// Empty ones.
-pub(crate) const BUFFERS: Buffers = Buffers { radio: [0; 208], gnss: [0; 256], vision: [0; 256] };
+pub(crate) const BUFFERS: Buffers = Buffers { radio: [0; 208], gnss: [0; 256], vision: [0; 256], usb: [0; 128] };
 
 /// The battery's channel of the converter.
 pub(crate) struct Battery {
@@ -144,6 +152,16 @@ fn line_config(baud: u32) -> usart::Config {
     let mut line = usart::Config::default();
     line.baudrate = baud;
     line
+}
+
+/// How the port to a computer is driven; its interrupts come below the control task.
+///
+/// Whether a cable is plugged in is not looked for: no board has the pin for it.
+fn usb_config() -> usb::Config {
+    interrupt::OTG_FS.set_priority(Priority::P7);
+    let mut port = usb::Config::default();
+    port.vbus_detection = false;
+    port
 }
 
 /// How the slow sensors' bus is driven.

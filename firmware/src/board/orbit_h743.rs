@@ -10,6 +10,7 @@
 //! | GNSS receiver    | PC6, PC7                 | USART6; DMA1 streams 0 and 1                        |
 //! | vision           | PE7                      | UART7; DMA1 stream 2                                |
 //! | station          | PB14, PB15               | USART1; DMA2 streams 7 and 5                        |
+//! | USB              | PA11, PA12               | OTG_FS                                              |
 //! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11                     |
 //! | status LED       | PE3, low is on           | GPIO                                                |
 //! | parameters       | none                     | the last two sectors of flash                       |
@@ -33,6 +34,7 @@ use embassy_stm32::flash::{Bank2Region, Blocking as StoreMode, Flash};
 use embassy_stm32::gpio::{AnyPin, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::i2c::{self, I2c};
 use embassy_stm32::mode::Blocking;
+use embassy_stm32::peripherals::USB_OTG_FS;
 use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH1, DMA1_CH2, DMA1_CH5, DMA1_CH6, DMA2_CH0, DMA2_CH3};
 use embassy_stm32::peripherals::{DMA2_CH5, DMA2_CH7, USART1};
 use embassy_stm32::peripherals::{I2C4, IWDG1, PD12, PD13, TIM4, UART7, USART2, USART6};
@@ -42,6 +44,7 @@ use embassy_stm32::timer::Channel::{Ch1, Ch2, Ch3, Ch4};
 use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
 use embassy_stm32::usart::{self, Uart, UartRx};
+use embassy_stm32::usb;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, interrupt, pac, rcc};
 use embassy_time::Duration;
@@ -51,7 +54,7 @@ use firmware::{crsf, pose, ubx};
 use super::bank::Bank;
 use super::{
     Battery, Board, Buffers, STATION_BAUD, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensors_config,
-    store,
+    store, usb_config,
 };
 use crate::gnss;
 use crate::motors::Protocol;
@@ -78,6 +81,7 @@ pub(super) const STORE: Range<u32> = 0xc_0000..0x10_0000;
 pub(super) type WatchdogUnit = IWDG1;
 
 bind_interrupts!(pub(crate) struct Irqs {
+    OTG_FS => usb::InterruptHandler<USB_OTG_FS>;
     EXTI4 => exti::InterruptHandler<interrupt::typelevel::EXTI4>;
     UART7 => usart::InterruptHandler<UART7>;
     USART1 => usart::InterruptHandler<USART1>;
@@ -151,6 +155,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
         station: Uart::new(p.USART1, p.PB15, p.PB14, p.DMA2_CH7, p.DMA2_CH5, Irqs, line_config(STATION_BAUD))
             .expect("the baud rate is within the port's range")
             .split(),
+        usb: usb::Driver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, &mut buffers.usb, usb_config()),
         store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank2_region),
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PE3, Level::High, Speed::Low),
@@ -168,7 +173,8 @@ fn take_causes() -> (bool, bool) {
     (flags.iwdg1rstf(), flags.borrstf() && !flags.porrstf())
 }
 
-/// 400 MHz from the 8 MHz crystal, half of it for the buses, a quarter for the peripherals.
+/// 400 MHz from the 8 MHz crystal, half of it for the buses, a quarter for the peripherals. USB has an oscillator of its own, which
+/// follows the computer's.
 fn clocks() -> Config {
     let mut config = Config::default();
     config.rcc.hse = Some(rcc::Hse { freq: Hertz(8_000_000), mode: rcc::HseMode::Oscillator });
@@ -191,6 +197,8 @@ fn clocks() -> Config {
         divq: None,
         divr: None,
     });
+    config.rcc.hsi48 = Some(rcc::Hsi48Config { sync_from_usb: true });
+    config.rcc.mux.usbsel = rcc::mux::Usbsel::HSI48;
     config.rcc.mux.adcsel = rcc::mux::Adcsel::PLL2_P;
     config.rcc.sys = rcc::Sysclk::PLL1_P;
     config.rcc.ahb_pre = rcc::AHBPrescaler::DIV2;
