@@ -9,6 +9,7 @@
 //! | satellite receiver     | USART6                             |
 //! | vision computer        | USART1                             |
 //! | station                | USART3                             |
+//! | buzzer                 | PC15                               |
 //! | battery, through 1 : 11 | ADC1 channel 10                   |
 //!
 //! # Source
@@ -26,6 +27,8 @@ pub(crate) const CYCLES_US: u64 = 168;
 /// Port and pin of the inertial unit's select line and of its data-ready line.
 pub(crate) const IMU_SELECT: (usize, u32) = (0, 4);
 pub(crate) const IMU_READY: (usize, u32) = (2, 4);
+/// Port and pin of the buzzer, which sounds while it is high.
+pub(crate) const BUZZER: (usize, u32) = (2, 15);
 /// The ports of the radio receiver, the satellite receiver and the vision computer, counted from zero.
 pub(crate) const RADIO: usize = 1;
 pub(crate) const GNSS: usize = 5;
@@ -75,7 +78,7 @@ impl Board {
             imu: Icm42688::new(CYCLES_US),
             sensors: SensorBus::new(CYCLES_US),
             gnss: Ublox::new(CYCLES_US),
-            escs: [Esc::default(); 4],
+            escs: std::array::from_fn(Esc::new),
             battery_v: 16.8,
             ready_line_broken: false,
             ready_at: 0,

@@ -224,7 +224,10 @@ impl Chip {
             Unit::Rcc => self.rcc.read(offset),
             Unit::Pwr => self.pwr.read(offset),
             Unit::Flash => self.flash.read(offset, now),
-            Unit::Gpio(n) => self.gpio[n].read(offset),
+            Unit::Gpio(n) => {
+                self.feel_lines(n);
+                self.gpio[n].read(offset)
+            }
             Unit::Exti => self.exti.read(offset),
             Unit::Syscfg => self.syscfg.read(offset),
             Unit::Dbgmcu => self.dbgmcu.read(offset),

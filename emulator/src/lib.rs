@@ -38,6 +38,7 @@ pub mod pipe;
 mod tasks;
 mod unit;
 
+pub use device::esc::Telemetry;
 pub use device::sensor_bus::Health;
 pub use device::ublox::Fix;
 pub use image::Image;

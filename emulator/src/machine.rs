@@ -6,6 +6,7 @@
 //! time its block began.
 //!
 //! Asleep in WFI or WFE, time jumps to whatever happens next.
+use crate::board;
 use crate::chip::PORRSTF;
 use crate::exception::{self, ENTRY_CYCLES};
 use crate::nvic::{HARD_FAULT, SV_CALL};
@@ -167,6 +168,12 @@ impl Machine {
             bad: board.escs.map(|esc| esc.bad),
             latency_max: board.latency_max,
         }
+    }
+
+    /// Whether the buzzer sounds.
+    pub fn sounds(&self) -> bool {
+        let (port, pin) = board::BUZZER;
+        self.state.borrow().chip.gpio[port].level(pin)
     }
 
     /// Bytes of the lowest RAM, where the image has its stack, and how many of them were ever written.

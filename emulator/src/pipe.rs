@@ -12,12 +12,15 @@
 //! | `e`             | u32 address, u32 bytes, and those: fills flash as somebody may have left it |
 //! | `l`             | u8 bytes, and those: the station sends them now                             |
 //! | `h`             | nothing: answers what the station has heard                                 |
+//! | `z`             | nothing: answers whether the buzzer sounds                                  |
 //! | `p`             | 2 × f32: static pressure, Pa, and temperature, °C, at the barometer; holds  |
 //! | `g`             | 3 × f32: magnetic field, µT, forward, right, down; holds                    |
 //! | `u`             | the satellite receiver sends this fix now, unless it was told to send fewer: 2 × i32 latitude and longitude, 1e-7°; 7 × f32 height above the ellipsoid, m, velocity north, east, down, m/s, its own errors horizontal, vertical, m, and of speed, m/s, 1 σ; u8 kind of fix, 3 in three dimensions; u8 satellites |
 //! | `v`             | the vision computer sends this pose now: u32 its age, µs; 9 × f32 position north, east, down, m, quaternion w, x, y, z from body to NED, its own errors of position, m, and attitude, rad, 1 σ |
 //! | `d`             | u8: 0 the barometer, 1 the magnetometer; u8: 0 it no longer answers, 1 it works again, 2 it holds the bus |
 //! | `t`             | u8: 0 the radio receiver's line, 1 the satellite receiver's, 2 the vision computer's; u8 bytes, and those, which come over that line now |
+//! | `r`             | 4 × f32: how fast the rotors turn, rad/s; holds                             |
+//! | `q`             | u8: a motor, 0 to 3; u8: its speed controller 0 no longer answers, 1 does, 2 does with a bit turned |
 //! | `w`             | u32: the board is switched on anew, and its image takes its clock to have run for so many seconds |
 //! | `n`             | nothing: run one period of the inertial unit, then answer                   |
 //!
@@ -29,8 +32,9 @@
 //! |         | 4 × u16 what each motor was told last, 65535 for nothing; 4 × u32 frames and pulses that each understood; |
 //! |         | u32 words of the image's record of its last step, and those; u32 bytes of its log since the last answer, and those, UTF-8 |
 //! | `h`     | u32 how often power has been off; u32 bytes that the station has heard since it last asked, and those |
+//! | `z`     | u8: 1 the buzzer sounds, 0 it does not                                                              |
 //! | `x`     | u32 bytes of why the run has ended, and those, UTF-8; nothing follows                              |
-use crate::{Failure, Fix, Health, Image, Line, Log, Machine, Part};
+use crate::{Failure, Fix, Health, Image, Line, Log, Machine, Part, Telemetry};
 use flight_link::VisionPose;
 use std::io::{self, ErrorKind, Read, Write};
 
@@ -68,23 +72,17 @@ pub fn serve(image: &Image, mut input: impl Read, mut output: impl Write) -> io:
             b'c' => machine.send_channels(channels(&mut input)?),
             b'f' => {
                 let [mishap] = bytes(&mut input)?;
-                match mishap {
-                    0 => machine.derail(),
-                    1 => machine.hang(true),
-                    2 => machine.break_data_ready(),
-                    3 => machine.hang(false),
-                    4 => {
-                        if let Err(failure) = image.panic().and_then(|function| machine.panic(function)) {
-                            return refuse(&mut output, &failure);
-                        }
-                    }
-                    5 => machine.brown_out(),
-                    6 | 7 => machine.short_inertial_unit(mishap == 7),
-                    8 => machine.garble_inertial_unit(),
-                    9 => machine.cut_power(),
-                    10 => machine.exhaust_stack(),
-                    other => return Err(io::Error::new(ErrorKind::InvalidData, format!("there is no mishap {other}"))),
+                if let Err(failure) = befall(&mut machine, image, mishap)? {
+                    return refuse(&mut output, &failure);
                 }
+            }
+            b'z' => output.write_all(&[b'z', machine.sounds().into()])?,
+            b'r' => machine.turn_rotors(floats(&mut input)?),
+            b'q' => {
+                let [motor, telemetry] = bytes(&mut input)?;
+                let telemetry =
+                    known(&[Telemetry::Silent, Telemetry::Well, Telemetry::Garbled], telemetry, "telemetry")?;
+                machine.set_telemetry(known(&[0, 1, 2, 3], motor, "motor")?, telemetry);
             }
             b'p' => {
                 let [pressure_pa, temperature_c] = floats(&mut input)?;
@@ -142,6 +140,24 @@ pub fn serve(image: &Image, mut input: impl Read, mut output: impl Write) -> io:
         }
         output.flush()?;
     }
+}
+
+/// Lets a mishap happen, by its number; the image may be without what that takes.
+fn befall(machine: &mut Machine, image: &Image, mishap: u8) -> io::Result<Result<(), Failure>> {
+    match mishap {
+        0 => machine.derail(),
+        1 => machine.hang(true),
+        2 => machine.break_data_ready(),
+        3 => machine.hang(false),
+        4 => return Ok(image.panic().and_then(|function| machine.panic(function))),
+        5 => machine.brown_out(),
+        6 | 7 => machine.short_inertial_unit(mishap == 7),
+        8 => machine.garble_inertial_unit(),
+        9 => machine.cut_power(),
+        10 => machine.exhaust_stack(),
+        other => return Err(io::Error::new(ErrorKind::InvalidData, format!("there is no mishap {other}"))),
+    }
+    Ok(Ok(()))
 }
 
 fn refuse(output: &mut impl Write, failure: &Failure) -> io::Result<()> {

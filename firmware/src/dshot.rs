@@ -4,8 +4,11 @@
 //! frame = value·2⁵ + telemetry·2⁴ + checksum        checksum = x ⊕ x/16 ⊕ x/256, low 4 bits of x = frame/16
 //! ```
 //!
-//! Sixteen bits, the highest first; a one is high for three quarters of its time, a zero for three eighths. Value 0 stops a
+//! Sixteen bits, the highest first; a one lasts for three quarters of its time, a zero for three eighths. Value 0 stops a
 //! rotor, 1 to 47 are commands that are never sent, 48 to 2047 are speeds.
+//!
+//! A frame that is to be answered is sent on a line that rests high, bits being low, and with all bits of its checksum turned: by
+//! that a speed controller knows that it may answer (`erpm.rs`). The bit for telemetry asks for something else and stays 0.
 //!
 //! # Source
 //! The protocol has no standard; this is as the documentation of the AM32 and Betaflight firmwares describes it.
@@ -14,9 +17,18 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Value(u16);
 
+/// Whether speed controllers may answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Dialogue {
+    /// They only listen.
+    OneWay,
+    /// Each answers each frame.
+    Answered,
+}
+
 const SLOWEST: u16 = 48;
 const FASTEST: u16 = 2_047;
-/// Bits of a frame, and then two of silence, in which the line is low and speed controllers see its end.
+/// Bits of a frame, and then two of silence, in which the line rests and speed controllers see its end.
 pub const BITS: usize = 18;
 
 impl Value {
@@ -38,10 +50,12 @@ impl Value {
         self.0
     }
 
-    /// The frame's bits, without a request for telemetry.
-    pub const fn frame(self) -> u16 {
+    /// The frame's bits.
+    pub fn frame(self, dialogue: Dialogue) -> u16 {
         let x = self.0 << 1;
-        x << 4 | (x ^ x >> 4 ^ x >> 8) & 0xf
+        let sum = x ^ x >> 4 ^ x >> 8;
+        let sum = if dialogue == Dialogue::Answered { !sum } else { sum };
+        x << 4 | sum & 0xf
     }
 }
 
@@ -49,9 +63,9 @@ impl Value {
 ///
 /// - `values`: what each motor is told, in the order of the timer's channels.
 /// - `counts`: of the timer in one bit's time.
-pub fn waveform<const N: usize>(values: [Value; N], counts: u16) -> [[u16; N]; BITS] {
+pub fn waveform<const N: usize>(values: [Value; N], dialogue: Dialogue, counts: u16) -> [[u16; N]; BITS] {
     let mut words = [[0; N]; BITS];
-    let frames = values.map(Value::frame);
+    let frames = values.map(|value| value.frame(dialogue));
     for (bit, row) in words.iter_mut().take(16).enumerate() {
         // Thirds would do; these are the shares that the field uses.
         *row = frames.map(|frame| if frame >> (15 - bit) & 1 == 1 { counts - counts / 4 } else { counts * 3 / 8 });
@@ -66,7 +80,8 @@ mod tests {
     #[test]
     fn frames_are_those_of_the_field() {
         for (value, frame) in [(0, 0x0000), (48, 0x0606), (1046, 0x82c6), (2047, 0xffee)] {
-            assert_eq!(Value(value).frame(), frame, "{value}");
+            assert_eq!(Value(value).frame(Dialogue::OneWay), frame, "{value}");
+            assert_eq!(Value(value).frame(Dialogue::Answered), frame ^ 0xf, "{value}, to be answered");
         }
     }
 
@@ -81,8 +96,8 @@ mod tests {
     }
 
     #[test]
-    fn a_waveform_has_every_motors_bits_in_turn_and_ends_low() {
-        let words = waveform([Value::STOP, Value::running(1.0)], 140);
+    fn a_waveform_has_every_motors_bits_in_turn_and_ends_at_rest() {
+        let words = waveform([Value::STOP, Value::running(1.0)], Dialogue::OneWay, 140);
         assert_eq!(words[..2], [[52, 105]; 2]);
         // 0xffee: bits 11 and 15 are zeros.
         assert_eq!([words[11], words[14], words[15]], [[52, 52], [52, 105], [52, 52]]);

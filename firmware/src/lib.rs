@@ -9,9 +9,11 @@ extern crate std;
 
 pub mod atmosphere;
 pub mod battery;
+pub mod buzzer;
 pub mod crsf;
 pub mod dps310;
 pub mod dshot;
+pub mod erpm;
 pub mod flight;
 pub mod flight_log;
 pub mod icm42688;

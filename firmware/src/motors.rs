@@ -1,12 +1,19 @@
 //! Motors: what the step commands, to the speed controllers' lines.
 //!
+//! Where a port can be listened to, speed controllers are asked how fast their rotors turn (`firmware::erpm`).
+//!
 //! Invariants: with [`Command::Stop`] every line carries the stop value, or nothing; with [`Command::Bench`] those of motors
 //! at 0 do.
 use control_core::flight::Command;
-use firmware::dshot;
+use control_core::measurement::Stamped;
+use control_core::parameters::{Parameter, Parameters};
+use embassy_futures::join::join;
+use firmware::dshot::{self, Dialogue};
+use firmware::erpm::{Heard, LISTEN_US, MOTORS, Tachometer, answers};
 use firmware::pulse::Pulse;
 
-use crate::board::{MotorPins, PROTOCOL};
+use crate::board::{self, MotorEar, MotorPins, PROTOCOL};
+use crate::tasks::now_us;
 
 /// What the speed controllers are sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,25 +39,50 @@ impl Protocol {
             Self::Pwm => PWM_HZ,
         }
     }
+
+    /// Time that digital frames take at least once they are given to their timers, µs.
+    const fn frame_us(self) -> u64 {
+        // One bit's time passes before the first.
+        17 * 1_000_000 / self.timer_hz() as u64
+    }
 }
 
 /// The motor outputs, in airframe order.
-pub(crate) struct Motors(MotorPins);
+pub(crate) struct Motors {
+    pins: MotorPins,
+    /// What listens to speed controllers, if they are asked.
+    ear: Option<MotorEar>,
+    tachometer: Tachometer,
+    /// When the frames were sent whose answers are being heard, or were.
+    asked_us: u64,
+    rotor_rad_s: Option<Stamped<[f32; MOTORS]>>,
+}
 
 impl Motors {
     /// Connects the outputs, with every motor told to stand.
-    pub(crate) fn new(mut pins: MotorPins) -> Self {
+    ///
+    /// - `ear`: what listens, if anything can; it does so if the parameters say so.
+    pub(crate) fn new(mut pins: MotorPins, ear: Option<MotorEar>, parameters: &Parameters) -> Self {
+        let asks = PROTOCOL != Protocol::Pwm && parameters[Parameter::DshotBidirectional] >= 0.5;
+        let mut ear = ear.filter(|_| asks);
         if PROTOCOL == Protocol::Pwm {
             pins.set_pulses(pulses(Command::Stop, pins.counts()));
         }
-        pins.enable();
-        Self(pins)
+        if let Some(ear) = &mut ear {
+            ear.pull_up();
+        }
+        pins.enable(dialogue(ear.as_ref()));
+        let tachometer = Tachometer::new(parameters[Parameter::MotorPoles]);
+        Self { pins, ear, tachometer, asked_us: 0, rotor_rad_s: None }
     }
 
     /// Tells every motor what to do; with digital frames, returns when they are through, some 30 µs later.
+    ///
+    /// What speed controllers have answered to the frames before is taken apart while these are sent: it delays nothing.
     pub(crate) async fn write(&mut self, command: Command) {
+        let Self { pins, ear, tachometer, .. } = self;
         if PROTOCOL == Protocol::Pwm {
-            self.0.set_pulses(pulses(command, self.0.counts()));
+            pins.set_pulses(pulses(command, pins.counts()));
             return;
         }
         let values = match command {
@@ -60,8 +92,37 @@ impl Motors {
                 shares.map(|share| if share > 0.0 { dshot::Value::running(share) } else { dshot::Value::STOP })
             }
         };
-        self.0.send(values).await;
+        let dialogue = dialogue(ear.as_ref());
+        let heard = ear.as_mut().and_then(|ear| ear.stop().then(|| ear.pins()));
+        let (before_us, now_us) = (self.asked_us, now_us());
+        let listen = async {
+            let answers = heard.map(|pins| answers(board::heard(), pins));
+            if let Some(ear) = ear.as_mut() {
+                ear.listen(now_us + PROTOCOL.frame_us() + LISTEN_US);
+            }
+            let rotor_rad_s = tachometer.hear(answers?, before_us)?;
+            Some(Stamped { time_us: before_us, value: rotor_rad_s })
+        };
+        (_, self.rotor_rad_s) = join(pins.send(values, dialogue), listen).await;
+        self.asked_us = now_us;
+        if let Some(ear) = ear {
+            ear.open();
+        }
     }
+
+    /// The rotors' speeds, rad/s, if any was told since the last call.
+    pub(crate) fn take_speeds(&mut self) -> Option<Stamped<[f32; MOTORS]>> {
+        self.rotor_rad_s.take()
+    }
+
+    /// How many frames each speed controller has answered since the last call, if they are asked.
+    pub(crate) fn take_heard(&mut self) -> Option<[Heard; MOTORS]> {
+        self.ear.as_ref().map(|_| self.tachometer.take())
+    }
+}
+
+fn dialogue(ear: Option<&MotorEar>) -> Dialogue {
+    if ear.is_some() { Dialogue::Answered } else { Dialogue::OneWay }
 }
 
 /// Pulse widths in counts of a timer that has `counts` in a period.

@@ -11,7 +11,7 @@ use control_core::motor_test::MotorTestOrder;
 use control_core::pilot::{PilotInput, Sticks};
 
 /// Words of a record.
-pub const WORDS: usize = 54;
+pub const WORDS: usize = 59;
 /// Bits of the first word: which of the optional parts are there, and facts.
 const HAS_IMU: u32 = 1;
 const HAS_BATTERY: u32 = 1 << 1;
@@ -27,6 +27,7 @@ const HAS_GNSS: u32 = 1 << 10;
 const FIXED: u32 = 1 << 11;
 const HAS_VISION: u32 = 1 << 12;
 const BENCH: u32 = 1 << 13;
+const HAS_ROTORS: u32 = 1 << 14;
 /// Eight bits from here on, the pilot's mode by its place in [`Mode::ALL`].
 const MODE_SHIFT: u32 = 16;
 /// Two bits from here on, what is asked of the bench: 0 nothing, 1 to turn motors, 2 to check the wiring, 3 to stop.
@@ -52,7 +53,7 @@ impl Record {
     pub fn to_words(&self) -> [u32; WORDS] {
         let Arrived { measurements, pilot, offboard: _, bench, late, self_test_passed, parameters_valid } =
             self.arrived;
-        let Measurements { imu, battery_v, baro_altitude_m, magnetic_ut, gnss, vision, .. } = measurements;
+        let Measurements { imu, battery_v, baro_altitude_m, magnetic_ut, gnss, vision, rotor_rad_s, .. } = measurements;
         let mut words = [0; WORDS];
         let bit = |on: bool, bit: u32| if on { bit } else { 0 };
         words[0] = bit(imu.is_some(), HAS_IMU) | bit(late, LATE) | bit(self_test_passed, TESTED);
@@ -109,6 +110,11 @@ impl Record {
             Some(BenchOrder::Wiring) => 2 << ORDER_SHIFT,
             Some(BenchOrder::Stop) => 3 << ORDER_SHIFT,
         };
+        if let Some(Stamped { time_us, value }) = rotor_rad_s {
+            words[0] |= HAS_ROTORS;
+            put(&mut words[54..58], &value);
+            words[58] = self.age_us(time_us);
+        }
         words
     }
 
@@ -154,6 +160,7 @@ impl Record {
                     attitude_sigma_rad: float(41),
                 },
             }),
+            rotor_rad_s: has(HAS_ROTORS).then(|| Stamped { time_us: before(58), value: [54, 55, 56, 57].map(float) }),
             ..Measurements::default()
         };
         Self {
@@ -234,6 +241,7 @@ mod tests {
                     magnetic_ut: Some(Stamped { time_us: time_us - 5_000, value: Vec3::new(20.0, -1.0, 43.0) }),
                     gnss: Some(Stamped { time_us: time_us - 129_000, value: gnss }),
                     vision: Some(Stamped { time_us: time_us - 10_500, value: vision }),
+                    rotor_rad_s: Some(Stamped { time_us: time_us - 410, value: [310.0, 0.0, 290.5, 305.0] }),
                     ..Measurements::default()
                 },
                 pilot: Some(Stamped { time_us: time_us - 12_345, value: pilot }),

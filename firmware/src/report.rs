@@ -3,6 +3,8 @@ use control_core::arming::Check;
 use control_core::flight::Command;
 use control_core::set::Set;
 
+use crate::erpm::{Heard, MOTORS};
+
 /// One second of flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
@@ -20,6 +22,8 @@ pub struct Report {
     pub command: Command,
     /// For what arming was refused in this second.
     pub refused: Set<Check>,
+    /// What each speed controller has answered in this second, if they are asked; whoever sends the frames fills it in.
+    pub answers: Option<[Heard; MOTORS]>,
 }
 
 /// FNV-1a, 32 bits, by words: what it starts with and what it multiplies by.
@@ -43,7 +47,8 @@ impl Tally {
     pub fn new(rate_hz: f32) -> Self {
         let steps_per_report = ((rate_hz + 0.5) as u32).max(1);
         let (command, refused) = (Command::Stop, Set::EMPTY);
-        let report = Report { steps: 0, late: 0, blind: 0, hash: HASH_START, cycles_max: 0, command, refused };
+        let report =
+            Report { steps: 0, late: 0, blind: 0, hash: HASH_START, cycles_max: 0, command, refused, answers: None };
         Self { steps_per_report, left: steps_per_report, report }
     }
 

@@ -7,6 +7,7 @@
 //! ```
 //!
 //! Control preempts the others at any instruction. What is left to delay it are critical sections of some dozens of cycles.
+use core::cell::Cell;
 use core::sync::atomic::Ordering;
 
 use control_core::flight::{Arrived, Command, Flight};
@@ -16,7 +17,8 @@ use cortex_m::peripheral::DWT;
 use cortex_m::singleton;
 use defmt_rtt as _;
 use embassy_executor::Spawner;
-use embassy_stm32::gpio::Level;
+use embassy_stm32::gpio::{Level, Output};
+use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, Ticker};
@@ -34,7 +36,9 @@ use crate::station::{self, SNAPSHOT};
 use crate::usb;
 use crate::vision::{VISION, see};
 use firmware::battery::volts;
+use firmware::buzzer::{Buzzer, Facts, LOOKS_HZ};
 use firmware::crsf::Receiver;
+use firmware::erpm::Heard;
 use firmware::flight;
 use firmware::icm42688::{SAMPLE_HZ, WHO_AM_I};
 use firmware::pace::Pace;
@@ -54,11 +58,15 @@ type Reader = Consumer<'static, Report>;
 pub(crate) type Newest<T> = Signal<CriticalSectionRawMutex, Stamped<T>>;
 static PILOT: Newest<PilotInput> = Signal::new();
 static BATTERY_V: Newest<f32> = Signal::new();
+/// What is to be heard of the machine.
+static FACTS: Mutex<CriticalSectionRawMutex, Cell<Facts>> = Mutex::new(Cell::new(Facts::NONE));
 
 /// Time within which a step must be done, once it has begun: its period.
 const STEP_US_MAX: u64 = (1e6 / SAMPLE_HZ) as u64;
 /// Bytes of the station that may wait: two frames.
 const STATION_BYTES: usize = 256;
+/// Answers of a speed controller in a second below which the log tells of it: three of four.
+const ANSWERS_MIN: u32 = 3 * SAMPLE_HZ as u32 / 4;
 /// Battery readings a second.
 const BATTERY_HZ: u64 = 10;
 
@@ -69,8 +77,8 @@ const BATTERY_HZ: u64 = 10;
 pub(crate) fn start(spawner: Spawner) {
     let buffers = singleton!(: Buffers = BUFFERS).expect("start runs once");
     let board = board::init(buffers);
-    let Board { motors, imu_bus, imu_select, imu_ready, radio, sensors, gnss, vision, battery, .. } = board;
-    let Board { station, usb, mut store, status, watchdog, bitten, browned_out, .. } = board;
+    let Board { motors, ear, imu_bus, imu_select, imu_ready, radio, sensors, gnss, vision, battery, .. } = board;
+    let Board { station, usb, mut store, status, buzzer, watchdog, bitten, browned_out, .. } = board;
     start_cycle_counter();
     defmt::info!("{=str}", board::NAME);
     fault::report();
@@ -94,7 +102,7 @@ pub(crate) fn start(spawner: Spawner) {
     let imu = Imu::new(imu_bus, imu_select, imu_ready);
     // In its place for good: every move of it would be on the stack.
     let flight = singleton!(: Flight = flight).expect("start runs once");
-    let motors = Motors::new(motors);
+    let motors = Motors::new(motors, ear, &loaded.parameters);
     let valid = loaded.is_valid();
     let control = control(flight, valid, imu, motors, watchdog, producer).expect("control is started once");
     board::start_control_executor().spawn(control);
@@ -109,6 +117,7 @@ pub(crate) fn start(spawner: Spawner) {
     spawner.spawn(usb::serve(usb).expect("serve is started once"));
     spawner.spawn(station::converse(store, loaded.parameters).expect("converse is started once"));
     spawner.spawn(measure_battery(battery).expect("measure_battery is started once"));
+    spawner.spawn(sound(buzzer).expect("sound is started once"));
     spawner.spawn(log(consumer, status).expect("log is started once"));
 }
 
@@ -134,7 +143,7 @@ async fn control(
     loop {
         imu.wait().await;
         let (time_us, started) = (now_us(), DWT::cycle_count());
-        let measurements = read(&mut imu, time_us).await;
+        let measurements = Measurements { rotor_rad_s: motors.take_speeds(), ..read(&mut imu, time_us).await };
         let armed = flight.helm().decision().is_some_and(|decision| decision.armed);
         let arrived = Arrived {
             measurements,
@@ -153,8 +162,11 @@ async fn control(
         number = number.wrapping_add(1);
         let record = Record { step: number, time_us, arrived, command };
         black_box::keep(&record);
-        if let Some(decision) = flight.helm().decision().filter(|decision| decision.refused) {
-            tally.refuse(decision.failing);
+        if let Some(decision) = flight.helm().decision() {
+            FACTS.lock(|facts| facts.set(facts.get().and(decision)));
+            if decision.refused {
+                tally.refuse(decision.failing);
+            }
         }
         tally.step(measurements.imu.is_some(), command, DWT::cycle_count().wrapping_sub(started));
         let done_us = now_us();
@@ -168,6 +180,7 @@ async fn control(
             watchdog.pet();
         }
         if let Some(report) = tally.close(late) {
+            let report = Report { answers: motors.take_heard(), ..report };
             // A full queue means that the log hangs, and then there is nobody to tell.
             let _ = reports.enqueue(report);
         }
@@ -191,6 +204,20 @@ async fn read(imu: &mut Imu, time_us: u64) -> Measurements {
 /// Time since boot, µs.
 pub(crate) fn now_us() -> u64 {
     Instant::now().as_micros()
+}
+
+/// Sounds the buzzer.
+#[embassy_executor::task]
+async fn sound(mut pin: Output<'static>) -> ! {
+    let mut ticker = Ticker::every(Duration::from_hz(LOOKS_HZ));
+    let mut buzzer = Buzzer::default();
+    loop {
+        ticker.next().await;
+        let facts = FACTS.lock(|facts| facts.replace(Facts { refused: false, ..facts.get() }));
+        let sounds = buzzer.look(facts);
+        // All boards drive theirs by a transistor that high turns on.
+        pin.set_level(if sounds { Level::High } else { Level::Low });
+    }
 }
 
 /// Listens to the radio receiver.
@@ -238,11 +265,23 @@ fn inverse(level: Level) -> Level {
 }
 
 fn write(report: &Report) {
-    let Report { steps, late, blind, cycles_max, hash, command, refused } = *report;
+    let Report { steps, late, blind, cycles_max, hash, command, refused, answers } = *report;
     defmt::info!("steps {=u32}, late {=u32}, blind {=u32}", steps, late, blind);
     defmt::info!("data ready to frames sent: worst {=u32} cycles; commands so far {=u32:08x}", cycles_max, hash);
     for check in refused.iter() {
         defmt::warn!("arming is refused: {=str}", check.text());
+    }
+    for (n, Heard { understood, garbled }) in (1_u8..).zip(answers.iter().flatten()) {
+        if u32::from(*understood) < ANSWERS_MIN {
+            let frames = SAMPLE_HZ as u32;
+            defmt::warn!(
+                "motor {=u8}: of {=u32} frames {=u16} were answered, {=u16} not understood",
+                n,
+                frames,
+                understood,
+                garbled
+            );
+        }
     }
     match command {
         Command::Stop => defmt::info!("motors stand"),

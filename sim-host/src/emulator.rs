@@ -90,6 +90,17 @@ pub enum Health {
     HoldsBus = 2,
 }
 
+/// How a speed controller answers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Telemetry {
+    /// Never.
+    Silent = 0,
+    /// As it should.
+    Well = 1,
+    /// With a bit turned.
+    Garbled = 2,
+}
+
 /// A line over which bytes come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line {
@@ -186,6 +197,16 @@ impl Emulator {
         self.say(b'm', bytes_of(&[motion.force_m_s2, motion.rate_rad_s].concat()));
     }
 
+    /// Sets how fast the rotors turn, rad/s; holds.
+    pub fn turn_rotors(&mut self, rotor_rad_s: [f32; 4]) {
+        self.say(b'r', bytes_of(&rotor_rad_s));
+    }
+
+    /// Sets how the speed controller of a motor, 0 to 3, answers; holds.
+    pub fn set_telemetry(&mut self, motor: u8, telemetry: Telemetry) {
+        self.say(b'q', [motor, telemetry as u8]);
+    }
+
     /// Sets the battery's voltage, V; holds.
     pub fn set_battery(&mut self, volts: f32) {
         self.say(b'b', bytes_of(&[volts]));
@@ -273,6 +294,19 @@ impl Emulator {
         let mut heard = vec![0; u32::from_le_bytes(self.bytes()?) as usize];
         self.output.read_exact(&mut heard)?;
         Ok((power_cuts, heard))
+    }
+
+    /// Whether the buzzer sounds.
+    ///
+    /// # Errors
+    /// As [`Self::period`].
+    pub fn buzzer_sounds(&mut self) -> Result<bool, EmulatorError> {
+        self.say(b'z', []);
+        self.send()?;
+        match self.bytes()? {
+            [b'z', sounds] => Ok(sounds != 0),
+            _ => Err(EmulatorError::Pipe(io::Error::other("no answer of the buzzer"))),
+        }
     }
 
     /// Lets one period of the inertial unit pass. The first is the whole boot.

@@ -6,7 +6,7 @@ use control_core::frames::Vec3;
 use flight_link::{Decoder, FRAME_BYTES_MAX, FromBoard, ToBoard, encode};
 use nalgebra::Vector3;
 use sim_host::actuators::Drive;
-use sim_host::emulator::{Answer, Emulator, Mishap, Motion};
+use sim_host::emulator::{Answer, Emulator, Mishap, Motion, Telemetry};
 use sim_host::ground::Ground;
 use sim_host::plant::{Actuation, Plant, RigidPlant, Truth};
 use sim_host::vehicle::{AirframeName, Vehicle, VehicleKeys};
@@ -49,6 +49,8 @@ pub struct Aloft {
     noise: Noise,
     samples: u32,
     decoder: Decoder<FromBoard>,
+    /// How fast the rotors turned in the last sample, rad/s.
+    pub rotor_rad_s: [f32; 4],
     /// The image's last answer.
     pub answer: Answer,
 }
@@ -79,7 +81,17 @@ impl Aloft {
         emulator.move_body(&Motion { force_m_s2: [0.0, 0.0, -9.81], rate_rad_s: [0.0; 3] });
         let answer = emulator.period().expect("the image boots");
         let actuation = Actuation { drives: [drive; 4], gust: Gust::default() };
-        Self { emulator, plant, actuation, vehicle, noise: Noise::new(7), samples: 0, decoder: Decoder::new(), answer }
+        Self {
+            emulator,
+            plant,
+            actuation,
+            vehicle,
+            noise: Noise::new(7),
+            samples: 0,
+            rotor_rad_s: [0.0; 4],
+            decoder: Decoder::new(),
+            answer,
+        }
     }
 
     /// Does something to the chip that no program should.
@@ -102,6 +114,19 @@ impl Aloft {
     pub fn heard(&mut self) -> Vec<FromBoard> {
         let (_, bytes) = self.emulator.station_heard().expect("the image runs");
         bytes.into_iter().filter_map(|byte| self.decoder.push(byte)).collect()
+    }
+
+    /// Sets how the speed controller of a motor, 0 to 3, answers.
+    pub fn set_telemetry(&mut self, motor: u8, telemetry: Telemetry) {
+        self.emulator.set_telemetry(motor, telemetry);
+    }
+
+    /// Whether the buzzer sounds.
+    ///
+    /// # Panics
+    /// If the image does what the emulator does not model.
+    pub fn buzzer_sounds(&mut self) -> bool {
+        self.emulator.buzzer_sounds().expect("the image runs")
     }
 
     /// The truth now.
@@ -135,6 +160,9 @@ impl Aloft {
         let field_ut =
             noisy((truth.attitude.transpose() * Vector3::from(EARTH_UT)).into(), self.noise.normals(FIELD_UT));
         self.emulator.set_field(Vec3::new(field_ut[0], field_ut[1], field_ut[2]));
+        let speed = |thrust_n: f64| (thrust_n.max(0.0) / self.vehicle.thrust_coefficient_n_s2).sqrt() as f32;
+        self.rotor_rad_s = self.plant.rotor_n(&self.actuation).map(speed);
+        self.emulator.turn_rotors(self.rotor_rad_s);
         self.answer = self.emulator.period().expect("the image runs");
         for (drive, told) in self.actuation.drives.iter_mut().zip(self.answer.told) {
             let speed = told.filter(|&told| told > 0).map_or(0.0, |told| {

@@ -47,6 +47,8 @@ parameters! {
     ArmTilt "ARM_TILT_MAX" ["deg"] 1.0..=45.0, 15.0, "Tilt up to which it arms.";
     ArmMotors "ARM_MOTORS" [""] 0.0..=1.0, 0.0, "1: it arms only after the wiring check has passed.";
     MotorIdle "MOT_IDLE" [""] 0.0..=0.2, 0.05, "Command of a motor that idles on the ground, share of full.";
+    MotorPoles "MOT_POLES" [""] 2.0..=60.0, 14.0, "Magnets of a motor, counted one by one.";
+    DshotBidirectional "DSHOT_BIDIR" [""] 0.0..=1.0, 1.0, "1: speed controllers tell their rotors' speeds; 0 if they cannot.";
     GainTilt "GAIN_TILT" [""] 0.5..=2.0, 1.0, "Factor on the gains of roll and pitch.";
     GainHorizontal "GAIN_HORIZ" [""] 0.5..=2.0, 1.0, "Factor on the gains of north and east.";
     GainAltitude "GAIN_ALT" [""] 0.5..=2.0, 1.0, "Factor on the gains of altitude.";

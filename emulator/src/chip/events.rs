@@ -134,6 +134,15 @@ impl Chip {
         }
     }
 
+    /// What speed controllers make of their lines, as the chip looks at a port.
+    pub(super) fn feel_lines(&mut self, n: usize) {
+        for (esc, (_, _, (port, pin))) in self.board.escs.iter().zip(board::MOTORS) {
+            if port == n {
+                self.gpio[port].drive_input(pin, esc.level(self.now));
+            }
+        }
+    }
+
     /// The chip drives the pins of a port: select lines.
     pub(super) fn drive_devices(&mut self, port: usize) {
         let (select_port, pin) = board::IMU_SELECT;

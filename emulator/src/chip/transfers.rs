@@ -11,7 +11,14 @@ impl Chip {
                 while let Some(request) = self.dma[n].request(stream)
                     && self.wants(request)
                 {
-                    self.beat(n, stream, memory);
+                    let unit = self.beat(n, stream, memory);
+                    if let Request::TimerUpdate(number) = request
+                        && let Some(place) = TIMERS.iter().position(|&timer| timer == number)
+                        && unit != Some(Unit::Timer(place))
+                    {
+                        self.timers[place].served();
+                        self.refresh(Unit::Timer(place));
+                    }
                     if let (Request::I2cRx(port), 1) = (request, self.dma[n].left(stream)) {
                         self.i2c[port - 1].one_left();
                     }
@@ -35,11 +42,17 @@ impl Chip {
         }
     }
 
-    fn beat(&mut self, dma: usize, stream: usize, memory: &mut dyn Memory) {
+    /// Moves a beat; returns the peripheral that it moved to or from.
+    fn beat(&mut self, dma: usize, stream: usize, memory: &mut dyn Memory) -> Option<Unit> {
         let beat = self.dma[dma].take(stream);
         let Some((unit, offset)) = locate(beat.peripheral) else {
-            return self.fail(format!("DMA{} stream {stream} moves to or from {:#010x}", dma + 1, beat.peripheral));
+            self.fail(format!("DMA{} stream {stream} moves to or from {:#010x}", dma + 1, beat.peripheral));
+            return None;
         };
+        // Only the second controller's peripheral port reaches the bus of the ports.
+        if dma == 0 && matches!(unit, Unit::Gpio(_)) {
+            self.fail(format!("DMA1 stream {stream} does not reach {unit}"));
+        }
         let mut word = [0; 4];
         let done = if beat.to_peripheral {
             memory.read(beat.memory, &mut word[..beat.bytes])
@@ -54,5 +67,6 @@ impl Chip {
         }
         self.refresh(unit);
         self.refresh(Unit::Dma(dma));
+        Some(unit)
     }
 }

@@ -1,11 +1,22 @@
-//! A speed controller: hears what is on its line.
+//! A speed controller: hears what is on its line, and answers on it where it is asked.
 //!
-//! Short pulses are the bits of a DShot frame: one if high for more than half of the time between them, a frame being
+//! Short pulses are the bits of a DShot frame: one if they last for more than half of the time between them, a frame being
 //! sixteen without a gap. Long pulses, of about 1 to 2 ms, are a speed by themselves.
+//!
+//! A frame of low pulses, its checksum turned, is answered with the rotor's speed (`firmware/src/erpm.rs` says how): some 30 µs after its end, at
+//! five quarters of its speed, by a clock of the controller's own. Meanwhile it drives the line; before and after it does not.
 use crate::peripheral::timer::Pulse;
+use std::f32::consts::TAU;
 
 /// Pulses longer than this are no bits, µs.
 const BIT_US_MAX: u64 = 50;
+/// Pairs of a motor's poles.
+const POLE_PAIRS: f32 = 7.0;
+/// Bits of an answer.
+const ANSWER_BITS: u64 = 21;
+/// Codes of four bits.
+const CODES: [u32; 16] =
+    [0x19, 0x1b, 0x12, 0x13, 0x1d, 0x15, 0x16, 0x17, 0x1a, 0x09, 0x0a, 0x0b, 0x1e, 0x0d, 0x0e, 0x0f];
 
 /// The last thing that was understood.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -18,8 +29,30 @@ pub(crate) enum Heard {
     PulseUs(u16),
 }
 
+/// How a controller answers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Telemetry {
+    /// Never.
+    Silent,
+    /// As it should.
+    #[default]
+    Well,
+    /// With a bit turned.
+    Garbled,
+}
+
+/// An answer on the line.
+#[derive(Clone, Copy, Debug)]
+struct Answer {
+    /// Its levels, the first bit the highest.
+    levels: u32,
+    /// When it begins, and how long its bits are, core cycles.
+    at: u64,
+    bit: u64,
+}
+
 /// The controller.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Esc {
     pub(crate) heard: Heard,
     /// Frames and pulses understood, frames with a wrong checksum or length.
@@ -27,18 +60,44 @@ pub(crate) struct Esc {
     pub(crate) bad: u32,
     /// When the last frame was through, core cycles.
     pub(crate) through_at: u64,
+    /// Speed of its rotor, rad/s.
+    pub(crate) rotor_rad_s: f32,
+    pub(crate) telemetry: Telemetry,
+    /// Time from a frame to its answer, µs, and how far its clock is off, per mille.
+    turn_around_us: u64,
+    off_per_mille: i64,
+    answer: Option<Answer>,
     bits: u32,
     count: u32,
     last_at: u64,
 }
 
 impl Esc {
+    /// One of several: no two take the same time, nor have the same clock.
+    pub(crate) fn new(n: usize) -> Self {
+        let (turn_around_us, off_per_mille) = [(27, -15), (29, 8), (31, -4), (33, 20)][n % 4];
+        Self {
+            heard: Heard::Nothing,
+            good: 0,
+            bad: 0,
+            through_at: 0,
+            rotor_rad_s: 0.0,
+            telemetry: Telemetry::Well,
+            turn_around_us,
+            off_per_mille,
+            answer: None,
+            bits: 0,
+            count: 0,
+            last_at: 0,
+        }
+    }
+
     /// A pulse has begun.
     pub(crate) fn hear(&mut self, pulse: Pulse, cycles_us: u64) {
-        if pulse.high > BIT_US_MAX * cycles_us {
-            self.heard = Heard::PulseUs((pulse.high / cycles_us) as u16);
+        if pulse.long > BIT_US_MAX * cycles_us {
+            self.heard = Heard::PulseUs((pulse.long / cycles_us) as u16);
             self.good += 1;
-            self.through_at = pulse.at + pulse.high;
+            self.through_at = pulse.at + pulse.long;
             return;
         }
         let gap = 2 * (pulse.at - self.last_at) > 3 * pulse.period;
@@ -47,24 +106,56 @@ impl Esc {
             (self.bits, self.count) = (0, 0);
         }
         self.last_at = pulse.at;
-        self.bits = self.bits << 1 | u32::from(2 * pulse.high > pulse.period);
+        self.bits = self.bits << 1 | u32::from(2 * pulse.long > pulse.period);
         self.count += 1;
         if self.count == 16 {
-            self.finish(pulse.at + pulse.period);
+            self.finish(&pulse, cycles_us);
         }
     }
 
-    fn finish(&mut self, at: u64) {
+    fn finish(&mut self, last: &Pulse, cycles_us: u64) {
         let (data, sum) = (self.bits >> 4, self.bits & 0xf);
-        if (data ^ data >> 4 ^ data >> 8) & 0xf == sum {
+        let asked = if last.low { 0xf } else { 0 };
+        if (data ^ data >> 4 ^ data >> 8) & 0xf == sum ^ asked {
             self.heard = Heard::Value((data >> 1) as u16);
             self.good += 1;
-            self.through_at = at;
+            self.through_at = last.at + last.period;
+            if last.low && self.telemetry != Telemetry::Silent {
+                let spoilt = if self.telemetry == Telemetry::Garbled { 1 << 7 } else { 0 };
+                let bit = last.period * 4 / 5 * (1_000 + self.off_per_mille) as u64 / 1_000;
+                let at = self.through_at + self.turn_around_us * cycles_us;
+                self.answer = Some(Answer { levels: levels(told(self.rotor_rad_s)) ^ spoilt, at, bit });
+            }
         } else {
             self.bad += 1;
         }
         (self.bits, self.count) = (0, 0);
     }
+
+    /// The level that it drives its line to, if it does.
+    pub(crate) fn level(&self, now: u64) -> Option<bool> {
+        let Answer { levels, at, bit } = self.answer?;
+        let place = now.checked_sub(at)? / bit;
+        (place < ANSWER_BITS).then(|| levels >> (ANSWER_BITS - 1 - place) & 1 != 0)
+    }
+}
+
+/// The twelve bits that tell a rotor's speed: those of the finest step that has its period.
+fn told(rotor_rad_s: f32) -> u32 {
+    let period_us = TAU * 1e6 / (POLE_PAIRS * rotor_rad_s.abs());
+    let exponent = (0..8_u32).find(|&exponent| period_us < 511.5 * f32::from(1_u16 << exponent));
+    exponent.map_or(0xfff, |exponent| {
+        let mantissa = (period_us / f32::from(1_u16 << exponent)).round().max(1.0) as u32;
+        exponent << 9 | mantissa
+    })
+}
+
+/// The levels that answer twelve bits.
+fn levels(value: u32) -> u32 {
+    let frame = value << 4 | !(value ^ value >> 4 ^ value >> 8) & 0xf;
+    let code = (0..4).rev().fold(0, |code, n| code << 5 | CODES[(frame >> (4 * n) & 0xf) as usize]);
+    // An edge before each one.
+    (0..20).rev().fold(0, |levels, n| levels << 1 | (levels ^ code >> n) & 1)
 }
 
 #[cfg(test)]
@@ -72,30 +163,60 @@ mod tests {
     use super::*;
 
     /// Sends the bits of a frame from `at`, 280 cycles each.
-    fn send(esc: &mut Esc, frame: u16, at: u64) {
+    fn send(esc: &mut Esc, frame: u16, at: u64, low: bool) {
         for bit in 0..16 {
-            let high = if frame >> (15 - bit) & 1 == 1 { 210 } else { 105 };
-            esc.hear(Pulse { channel: 0, at: at + 280 * bit, high, period: 280 }, 168);
+            let long = if frame >> (15 - bit) & 1 == 1 { 210 } else { 105 };
+            esc.hear(Pulse { channel: 0, at: at + 280 * bit, long, period: 280, low }, 168);
         }
     }
 
     #[test]
     fn frames_are_understood_and_bad_ones_counted() {
-        let mut esc = Esc::default();
-        send(&mut esc, 0x82c6, 1_000);
+        let mut esc = Esc::new(0);
+        send(&mut esc, 0x82c6, 1_000, false);
         assert_eq!((esc.heard, esc.good, esc.through_at), (Heard::Value(1_046), 1, 1_000 + 16 * 280));
-        send(&mut esc, 0x82c7, 10_000);
+        send(&mut esc, 0x82c7, 10_000, false);
         assert_eq!((esc.heard, esc.good, esc.bad), (Heard::Value(1_046), 1, 1));
         // Half a frame, then a whole one.
-        esc.hear(Pulse { channel: 0, at: 20_000, high: 210, period: 280 }, 168);
-        send(&mut esc, 0, 30_000);
+        esc.hear(Pulse { channel: 0, at: 20_000, long: 210, period: 280, low: false }, 168);
+        send(&mut esc, 0, 30_000, false);
         assert_eq!((esc.heard, esc.good, esc.bad), (Heard::Value(0), 2, 2));
+        assert!((0..100_000).all(|now| esc.level(now).is_none()), "nobody has asked");
     }
 
     #[test]
     fn a_long_pulse_is_a_speed() {
-        let mut esc = Esc::default();
-        esc.hear(Pulse { channel: 0, at: 0, high: 1_500 * 168, period: 2_500 * 168 }, 168);
+        let mut esc = Esc::new(0);
+        esc.hear(Pulse { channel: 0, at: 0, long: 1_500 * 168, period: 2_500 * 168, low: false }, 168);
         assert_eq!(esc.heard, Heard::PulseUs(1_500));
+    }
+
+    #[test]
+    fn a_frame_that_asks_is_answered_at_its_time_and_no_other() {
+        let mut esc = Esc::new(1);
+        esc.rotor_rad_s = 1_496.0;
+        send(&mut esc, 0x82c6, 0, true);
+        assert_eq!((esc.good, esc.bad), (0, 1), "it does not ask by its checksum");
+        send(&mut esc, 0x82c9, 20_000, true);
+        assert_eq!((esc.heard, esc.good), (Heard::Value(1_046), 1));
+        let begins = 20_000 + 16 * 280 + 29 * 168;
+        let driven: Vec<u64> = (0..60_000).filter(|&now| esc.level(now).is_some()).collect();
+        // 0.8 of a bit, by a clock that is 0.8 % slow.
+        let bit = 280 * 4 / 5 * 1_008 / 1_000;
+        assert_eq!((driven[0], driven.len() as u64), (begins, 21 * bit));
+        let seen = (0..21).fold(0, |seen, n| seen << 1 | u32::from(esc.level(begins + n * bit) == Some(true)));
+        // 600 µs: 0x32c2, as 10011 10010 11110 10010.
+        assert_eq!(told(1_496.0), 0x32c);
+        assert_eq!(seen, 0b0_11101_11100_10100_11100);
+        esc.telemetry = Telemetry::Silent;
+        send(&mut esc, 0x82c9, 60_000, true);
+        assert!((60_000..100_000).all(|now| esc.level(now).is_none()));
+    }
+
+    #[test]
+    fn speeds_are_told_in_the_finest_steps_and_a_rotor_that_stands_as_ones() {
+        for (rotor_rad_s, value) in [(0.0, 0xfff), (1.0, 0xfff), (1_760.0, 510), (1_750.0, 1 << 9 | 256)] {
+            assert_eq!(told(rotor_rad_s), value, "{rotor_rad_s}");
+        }
     }
 }

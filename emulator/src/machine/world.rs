@@ -3,6 +3,7 @@ use super::Machine;
 use super::wiring::{LOOP, RAM_START};
 use crate::board;
 use crate::device::crsf;
+use crate::device::esc::Telemetry;
 use crate::device::sensor_bus::Health;
 use crate::device::ublox::Fix;
 use flight_link::{FRAME_BYTES_MAX, ToBoard, VisionPose, encode};
@@ -35,6 +36,19 @@ impl Machine {
     /// Tells the inertial unit how the body moves: forward, right, down; m/s² and rad/s.
     pub fn move_body(&mut self, force_m_s2: [f32; 3], rate_rad_s: [f32; 3]) {
         self.state.borrow_mut().chip.board.move_body(force_m_s2, rate_rad_s);
+    }
+
+    /// Sets how fast the rotors turn, rad/s.
+    pub fn turn_rotors(&mut self, rotor_rad_s: [f32; 4]) {
+        let escs = &mut self.state.borrow_mut().chip.board.escs;
+        escs.iter_mut().zip(rotor_rad_s).for_each(|(esc, speed)| esc.rotor_rad_s = speed);
+    }
+
+    /// Sets how a motor's speed controller answers; there are four.
+    pub fn set_telemetry(&mut self, motor: usize, telemetry: Telemetry) {
+        if let Some(esc) = self.state.borrow_mut().chip.board.escs.get_mut(motor) {
+            esc.telemetry = telemetry;
+        }
     }
 
     /// Sets the battery's voltage, V.

@@ -76,6 +76,13 @@ impl Gpio {
         before != self.level(pin)
     }
 
+    /// Drives a pin that is an input from outside, or lets it go.
+    pub(crate) fn drive_input(&mut self, pin: u32, level: Option<bool>) {
+        let (levels, pins) = &mut self.driven;
+        *pins = *pins & !(1 << pin) | u32::from(level.is_some()) << pin;
+        *levels = *levels & !(1 << pin) | u32::from(level == Some(true)) << pin;
+    }
+
     /// What the pin is set up as.
     pub(crate) fn mode(&self, pin: u32) -> Mode {
         match self.moder >> (2 * pin) & 3 {

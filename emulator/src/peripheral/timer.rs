@@ -5,7 +5,8 @@
 //! ```
 //!
 //! `origin` is when the running period began. Preloaded registers take effect at the update event that ends a period.
-//! A PWM output that is on makes one pulse a period, from its start; pulses of no width are not reported.
+//! A PWM output that is on makes one pulse a period, from its start, high or, its polarity turned, low; pulses of no width are not reported.
+//! An update asks for DMA until that has come; a second one before that asks for nothing more.
 //!
 //! Not modelled, and refused: counting down, one pulse, slave modes, input capture, compare DMA, repetition.
 //!
@@ -28,10 +29,12 @@ pub(crate) struct Pulse {
     pub(crate) channel: usize,
     /// When it began, core cycles.
     pub(crate) at: u64,
-    /// How long it is high, core cycles.
-    pub(crate) high: u64,
+    /// How long it lasts, core cycles.
+    pub(crate) long: u64,
     /// Time between pulses, core cycles.
     pub(crate) period: u64,
+    /// Whether the line rests high and it is low.
+    pub(crate) low: bool,
 }
 
 /// A timer.
@@ -126,7 +129,12 @@ impl Timer {
             0x08 => {
                 only(value, 0)?;
             }
-            0x0c => self.dier = only(value, 0x1f | UDE)?,
+            0x0c => {
+                self.dier = only(value, 0x1f | UDE)?;
+                if value & UDE == 0 {
+                    self.burst_left = 0;
+                }
+            }
             0x10 => self.sr &= value,
             0x14 => self.generate(value, t)?,
             0x18 | 0x1c => self.ccmr[(offset as usize - 0x18) / 4] = only(value, 0x7c7c)?,
@@ -156,6 +164,16 @@ impl Timer {
         self.sr & self.dier & 0x1f != 0
     }
 
+    /// Whether the next update asks for DMA that is not asked for already.
+    fn asks_by_update(&self) -> bool {
+        self.dier & UDE != 0 && self.burst_left == 0
+    }
+
+    /// What an update has asked for is done, and was no burst.
+    pub(crate) fn served(&mut self) {
+        self.burst_left = 0;
+    }
+
     /// Whether the update asks for DMA.
     pub(crate) fn wants_dma(&self) -> bool {
         self.burst_left > 0
@@ -169,7 +187,7 @@ impl Timer {
         let at = |count: u64| self.origin + count * self.tick(t);
         let period = u64::from(self.active_arr) + 1;
         let mut next = NEVER;
-        let update_wanted = self.dier & (UIF & !self.sr) != 0 || self.dier & UDE != 0 || self.makes_pulses();
+        let update_wanted = self.dier & (UIF & !self.sr) != 0 || self.asks_by_update() || self.makes_pulses();
         if update_wanted {
             next = at(period);
         }
@@ -202,7 +220,7 @@ impl Timer {
             // Periods that nobody watched are all alike.
             let (tick, period) = (self.tick(t), u64::from(self.active_arr) + 1);
             let passed = t.now.saturating_sub(self.origin) / (tick * period);
-            if passed > 1 && !self.makes_pulses() && self.dier & UDE == 0 {
+            if passed > 1 && !self.makes_pulses() && !self.asks_by_update() {
                 self.flag_matches(0, period);
                 self.origin += (passed - 1) * tick * period;
             }
@@ -225,15 +243,16 @@ impl Timer {
         }
         self.sr |= UIF;
         self.load();
-        if self.dier & UDE != 0 {
+        if self.asks_by_update() {
             self.burst_left = (self.dcr >> 8 & 0x1f) + 1;
         }
         let tick = self.tick(t);
         for channel in 0..4 {
             if self.is_pwm(channel) && self.active_ccr[channel] > 0 {
                 let period = (u64::from(self.active_arr) + 1) * tick;
-                let high = (u64::from(self.active_ccr[channel]) * tick).min(period);
-                self.pulses.push(Pulse { channel, at: self.origin, high, period });
+                let long = (u64::from(self.active_ccr[channel]) * tick).min(period);
+                let low = self.ccer >> (4 * channel + 1) & 1 != 0;
+                self.pulses.push(Pulse { channel, at: self.origin, long, period, low });
             }
         }
     }
@@ -364,7 +383,7 @@ mod tests {
         timer.write(0x34, 4, at(1));
         assert_eq!(timer.next(at(1)), 40);
         timer.catch_up(at(81));
-        let pulse = |at| Pulse { channel: 0, at, high: 16, period: 40 };
+        let pulse = |at| Pulse { channel: 0, at, long: 16, period: 40, low: false };
         assert_eq!(timer.pulses, [pulse(40), pulse(80)]);
         timer.write(0x34, 0, at(81));
         timer.catch_up(at(500));

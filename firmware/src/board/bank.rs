@@ -2,11 +2,15 @@
 use embassy_stm32::Peri;
 use embassy_stm32::dma;
 use embassy_stm32::interrupt::typelevel::Binding;
+use embassy_stm32::timer::low_level::OutputPolarity;
 use embassy_stm32::timer::simple_pwm::SimplePwm;
 use embassy_stm32::timer::{Channel, GeneralInstance4Channel, UpDma};
-use firmware::dshot;
+use firmware::dshot::{self, Dialogue};
 
 use super::chosen::Irqs;
+
+/// A frame for each of `N` motors.
+pub(crate) type Frames<const N: usize> = [[u16; N]; dshot::BITS];
 
 /// `N` neighbouring channels of a timer.
 pub(crate) struct Bank<T: GeneralInstance4Channel, D: UpDma<T>, const N: usize> {
@@ -26,9 +30,13 @@ where
         self.timer.max_duty_cycle()
     }
 
-    /// Sends one DShot frame to each motor, in the order of the channels; returns when they are through.
-    pub(crate) async fn send(&mut self, values: [dshot::Value; N]) {
-        let waveform = dshot::waveform(values, self.counts() as u16);
+    /// One DShot frame for each motor, in the order of the channels, as [`Self::send`] takes them.
+    pub(crate) fn frames(&self, values: [dshot::Value; N], dialogue: Dialogue) -> Frames<N> {
+        dshot::waveform(values, dialogue, self.counts() as u16)
+    }
+
+    /// Sends frames; returns when they are through.
+    pub(crate) async fn send(&mut self, waveform: &Frames<N>) {
         let [Some(&first), Some(&last)] = [self.channels.first(), self.channels.last()] else { return };
         self.timer.waveform_up_multi_channel(self.dma.reborrow(), Irqs, first, last, waveform.as_flattened()).await;
     }
@@ -40,10 +48,14 @@ where
         }
     }
 
-    /// Connects the outputs; until then their lines are low.
-    pub(crate) fn enable(&mut self) {
+    /// Connects the outputs; until then their lines are low. From then on lines that are answered rest high.
+    pub(crate) fn enable(&mut self, dialogue: Dialogue) {
         for channel in self.channels {
-            self.timer.channel(channel).enable();
+            let mut output = self.timer.channel(channel);
+            if dialogue == Dialogue::Answered {
+                output.set_polarity(OutputPolarity::ActiveLow);
+            }
+            output.enable();
         }
     }
 }

@@ -14,6 +14,7 @@
 //! | USB              | PA11, PA12               | OTG_FS                                              |
 //! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11                     |
 //! | status LED       | PC15, low is on          | GPIO                                                |
+//! | buzzer           | PA4, high sounds      | GPIO                                                |
 //! | parameters       | none                     | the last two sectors of flash                       |
 //! | crystal          | 8 MHz                    | PLL, 216 MHz                                        |
 //! | probe            | PA13, PA14               | SWD: nothing else may claim them                    |
@@ -24,7 +25,7 @@
 //!
 //! # Source
 //! Betaflight's `configs/FOXEERF722V4/config.h`, repository `betaflight/config`: MOTOR1_PIN to MOTOR4_PIN, GYRO_1_*,
-//! UART1_*, UART2_RX_PIN, I2C1_*, BARO_I2C_INSTANCE and MAG_I2C_INSTANCE, UART4_*, UART3_RX_PIN, ADC_VBAT_PIN, LED0_PIN,
+//! UART1_*, UART2_RX_PIN, I2C1_*, BARO_I2C_INSTANCE and MAG_I2C_INSTANCE, UART4_*, UART3_RX_PIN, ADC_VBAT_PIN, LED0_PIN, BEEPER_PIN, BEEPER_INVERTED,
 //! GYRO_1_ALIGN. It names no ports for receivers and vision: which are taken is ours. Crystal and divider are Betaflight's
 //! defaults, which the file leaves. Boards sold with an MPU-6000 or a BMP280 in the same places are not driven.
 use core::ops::Range;
@@ -48,10 +49,12 @@ use embassy_stm32::usart::{self, Uart, UartRx};
 use embassy_stm32::usb;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, interrupt, pac, rcc};
+use firmware::dshot::{self, Dialogue};
 use firmware::icm42688::Mount;
-use firmware::{crsf, dshot, pose, ubx};
+use firmware::{crsf, pose, ubx};
 
 use super::bank::Bank;
+use super::ear::Ear;
 use super::{
     Battery, Board, Buffers, STATION_BAUD, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensor_bus,
     store, usb_config,
@@ -111,6 +114,10 @@ pub(crate) struct MotorPins {
     second: Bank<TIM8, DMA2_CH1, 2>,
 }
 
+/// What would listen to the speed controllers: nothing does, their lines are on two ports, and both streams that timers pace and that reach
+/// ports are the motors' own.
+pub(crate) type MotorEar = Ear<TIM1, DMA2_CH5>;
+
 impl MotorPins {
     /// The timers' counts in one period, which are the counts of a DShot bit or of the time between pulses.
     pub(crate) fn counts(&self) -> u32 {
@@ -118,8 +125,10 @@ impl MotorPins {
     }
 
     /// Sends one DShot frame to each motor; returns when they are through.
-    pub(crate) async fn send(&mut self, [a, b, c, d]: [dshot::Value; 4]) {
-        embassy_futures::join::join(self.first.send([b, a]), self.second.send([d, c])).await;
+    pub(crate) async fn send(&mut self, [a, b, c, d]: [dshot::Value; 4], dialogue: Dialogue) {
+        // First all of them: they begin together.
+        let (first, second) = (self.first.frames([b, a], dialogue), self.second.frames([d, c], dialogue));
+        embassy_futures::join::join(self.first.send(&first), self.second.send(&second)).await;
     }
 
     /// Sets how long each motor's pulses are from now on, in counts.
@@ -129,9 +138,9 @@ impl MotorPins {
     }
 
     /// Connects the outputs; until then their lines are low.
-    pub(crate) fn enable(&mut self) {
-        self.first.enable();
-        self.second.enable();
+    pub(crate) fn enable(&mut self, dialogue: Dialogue) {
+        self.first.enable(dialogue);
+        self.second.enable(dialogue);
     }
 }
 
@@ -156,6 +165,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
             first: Bank { timer: first, dma: p.DMA2_CH5, channels: [Ch1, Ch2] },
             second: Bank { timer: second, dma: p.DMA2_CH1, channels: [Ch3, Ch4] },
         },
+        ear: None,
         imu_bus: Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA2_CH3, p.DMA2_CH0, Irqs, imu_bus_config()),
         imu_select: Output::new(p.PB2, Level::High, Speed::VeryHigh),
         imu_ready: ExtiInput::new(p.PC4, p.EXTI4, Pull::Down, Irqs),
@@ -174,6 +184,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
         store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region3),
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PC15, Level::High, Speed::Low),
+        buzzer: Output::new(p.PA4, Level::Low, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG, WATCHDOG_US),
         bitten,
         browned_out,

@@ -24,6 +24,7 @@ use firmware::stored::Stored;
 use crate::gnss;
 
 mod bank;
+mod ear;
 
 #[cfg(feature = "foxeer-f722-v4")]
 mod foxeer_f722_v4;
@@ -39,8 +40,10 @@ use orbit_h743 as chosen;
 #[cfg(feature = "speedybee-f405-v4")]
 use speedybee_f405_v4 as chosen;
 
+pub(crate) use ear::heard;
+
 pub(crate) use chosen::{
-    BATTERY_DIVIDER, IMU_MOUNT, MotorPins, NAME, PROTOCOL, STATUS_ON, SensorBus, SensorPins, init,
+    BATTERY_DIVIDER, IMU_MOUNT, MotorEar, MotorPins, NAME, PROTOCOL, STATUS_ON, SensorBus, SensorPins, init,
     start_control_executor,
 };
 
@@ -57,6 +60,8 @@ pub(crate) const MAG_MOUNT: Mount = [(0, false), (1, true), (2, true)];
 pub(crate) struct Board {
     /// The motor outputs.
     pub(crate) motors: MotorPins,
+    /// What listens to the speed controllers, if anything can.
+    pub(crate) ear: Option<MotorEar>,
     /// The inertial unit's bus.
     pub(crate) imu_bus: ImuBus,
     /// The inertial unit's select line, low while it is spoken to.
@@ -81,6 +86,8 @@ pub(crate) struct Board {
     pub(crate) battery: Battery,
     /// The status LED.
     pub(crate) status: Status,
+    /// The buzzer, which sounds while this is high.
+    pub(crate) buzzer: Output<'static>,
     /// Resets the chip once it is unleashed and not fed.
     pub(crate) watchdog: Watchdog,
     /// Whether the watchdog has caused this start.

@@ -3,6 +3,7 @@
 //! | part             | pins                     | by                                                  |
 //! |------------------|--------------------------|-----------------------------------------------------|
 //! | motors 1 to 4    | PB6 … PB9                | TIM4 channels 1 to 4; bursts by DMA1 stream 6       |
+//! | their answers    | the same                 | port B sampled by DMA2 stream 1, paced by TIM1      |
 //! | ICM-42688-P      | PE11, PA5 … PA7          | SPI1; DMA2 streams 0 and 3                          |
 //! | its data ready   | PC4                      | EXTI4                                               |
 //! | radio receiver   | PD6                      | USART2; DMA1 stream 5                               |
@@ -13,6 +14,7 @@
 //! | USB              | PA11, PA12               | OTG_FS                                              |
 //! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11                     |
 //! | status LED       | PE3, low is on           | GPIO                                                |
+//! | buzzer           | PC15, high sounds     | GPIO                                                |
 //! | parameters       | none                     | the last two sectors of flash                       |
 //! | crystal          | 8 MHz                    | PLL, 400 MHz                                        |
 //! | probe            | PA13, PA14               | SWD: nothing else may claim them                    |
@@ -23,7 +25,7 @@
 //!
 //! # Source
 //! Betaflight's `configs/ORBITH743/config.h`, repository `betaflight/config`: MOTOR1_PIN to MOTOR4_PIN, GYRO_1_*,
-//! UART1_*, UART2_RX_PIN, I2C4_*, BARO_I2C_INSTANCE, UART6_*, UART7_RX_PIN, ADC_VBAT_PIN, LED0_PIN. It names no ports for receivers
+//! UART1_*, UART2_RX_PIN, I2C4_*, BARO_I2C_INSTANCE, UART6_*, UART7_RX_PIN, ADC_VBAT_PIN, LED0_PIN, BEEPER_PIN, BEEPER_INVERTED. It names no ports for receivers
 //! and vision: which are taken is ours. Crystal and divider are Betaflight's defaults, which the file leaves.
 use core::ops::Range;
 
@@ -36,8 +38,8 @@ use embassy_stm32::i2c::{self, I2c};
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::peripherals::USB_OTG_FS;
 use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH1, DMA1_CH2, DMA1_CH5, DMA1_CH6, DMA2_CH0, DMA2_CH3};
-use embassy_stm32::peripherals::{DMA2_CH5, DMA2_CH7, USART1};
-use embassy_stm32::peripherals::{I2C4, IWDG1, PD12, PD13, TIM4, UART7, USART2, USART6};
+use embassy_stm32::peripherals::{DMA2_CH1, DMA2_CH5, DMA2_CH7, USART1};
+use embassy_stm32::peripherals::{I2C4, IWDG1, PD12, PD13, TIM1, TIM4, UART7, USART2, USART6};
 use embassy_stm32::spi::Spi;
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::Channel::{Ch1, Ch2, Ch3, Ch4};
@@ -48,10 +50,12 @@ use embassy_stm32::usb;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, interrupt, pac, rcc};
 use embassy_time::Duration;
+use firmware::dshot::{self, Dialogue};
 use firmware::icm42688::Mount;
 use firmware::{crsf, pose, ubx};
 
 use super::bank::Bank;
+use super::ear::Ear;
 use super::{
     Battery, Board, Buffers, STATION_BAUD, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensors_config,
     store, usb_config,
@@ -93,6 +97,7 @@ bind_interrupts!(pub(crate) struct Irqs {
     DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
     DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
     DMA2_STREAM0 => dma::InterruptHandler<DMA2_CH0>;
+    DMA2_STREAM1 => dma::InterruptHandler<DMA2_CH1>;
     DMA2_STREAM3 => dma::InterruptHandler<DMA2_CH3>;
     DMA2_STREAM7 => dma::InterruptHandler<DMA2_CH7>;
     DMA2_STREAM5 => dma::InterruptHandler<DMA2_CH5>;
@@ -122,7 +127,33 @@ impl SensorPins {
 }
 
 /// The motors' lines.
-pub(crate) type MotorPins = Bank<TIM4, DMA1_CH6, 4>;
+pub(crate) struct MotorPins(Bank<TIM4, DMA1_CH6, 4>);
+
+impl MotorPins {
+    /// The timer's counts in one period, which are the counts of a DShot bit or of the time between pulses.
+    pub(crate) fn counts(&self) -> u32 {
+        self.0.counts()
+    }
+
+    /// Sends one DShot frame to each motor; returns when they are through.
+    pub(crate) async fn send(&mut self, values: [dshot::Value; 4], dialogue: Dialogue) {
+        let frames = self.0.frames(values, dialogue);
+        self.0.send(&frames).await;
+    }
+
+    /// Sets how long each motor's pulses are from now on, in counts.
+    pub(crate) fn set_pulses(&mut self, pulses: [u32; 4]) {
+        self.0.set_pulses(pulses);
+    }
+
+    /// Connects the outputs; until then their lines are low.
+    pub(crate) fn enable(&mut self, dialogue: Dialogue) {
+        self.0.enable(dialogue);
+    }
+}
+
+/// What listens to the speed controllers.
+pub(crate) type MotorEar = Ear<TIM1, DMA2_CH1>;
 
 /// Claims every peripheral once and leaves the motor lines low.
 ///
@@ -140,7 +171,8 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
     let gnss = Uart::new(p.USART6, p.PC7, p.PC6, p.DMA1_CH0, p.DMA1_CH1, Irqs, line_config(ubx::BAUD));
     let (bitten, browned_out) = take_causes();
     Board {
-        motors: Bank { timer, dma: p.DMA1_CH6, channels: [Ch1, Ch2, Ch3, Ch4] },
+        motors: MotorPins(Bank { timer, dma: p.DMA1_CH6, channels: [Ch1, Ch2, Ch3, Ch4] }),
+        ear: Some(Ear::new(p.TIM1, p.DMA2_CH1, pac::GPIOB, [6, 7, 8, 9], PROTOCOL.timer_hz())),
         imu_bus: Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA2_CH3, p.DMA2_CH0, Irqs, imu_bus_config()),
         imu_select: Output::new(p.PE11, Level::High, Speed::VeryHigh),
         imu_ready: ExtiInput::new(p.PC4, p.EXTI4, Pull::Down, Irqs),
@@ -159,6 +191,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
         store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank2_region),
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PE3, Level::High, Speed::Low),
+        buzzer: Output::new(p.PC15, Level::Low, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG1, WATCHDOG_US),
         bitten,
         browned_out,

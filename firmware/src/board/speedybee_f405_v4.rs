@@ -5,6 +5,7 @@
 //! |------------------|--------------------------|-----------------------------------------------------|
 //! | motors 1, 2      | PB6, PB7                 | TIM4 channels 1, 2; bursts by DMA1 stream 6         |
 //! | motors 3, 4      | PB0, PB1                 | TIM3 channels 3, 4; bursts by DMA1 stream 2         |
+//! | their answers    | the same                 | port B sampled by DMA2 stream 5, paced by TIM1      |
 //! | ICM-42688-P      | PA4 … PA7                | SPI1; DMA2 streams 0 and 3                          |
 //! | its data ready   | PC4                      | EXTI4                                               |
 //! | radio receiver   | PA3                      | USART2; DMA1 stream 5                               |
@@ -15,6 +16,7 @@
 //! | USB              | PA11, PA12               | OTG_FS                                              |
 //! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11                     |
 //! | status LED       | PC13, low is on          | GPIO                                                |
+//! | buzzer           | PC15, high sounds     | GPIO                                                |
 //! | parameters       | none                     | the last two sectors of flash                       |
 //! | crystal          | 8 MHz                    | PLL, 168 MHz                                        |
 //! | probe            | PA13, PA14               | SWD: nothing else may claim them                    |
@@ -24,7 +26,7 @@
 //! # Source
 //! Betaflight's `configs/SPEEDYBEEF405V4/config.h`, repository `betaflight/config`: MOTOR1_PIN to MOTOR4_PIN,
 //! GYRO_1_*, UART3_*, UART2_RX_PIN and SERIALRX_UART, I2C1_*, BARO_I2C_INSTANCE and MAG_I2C_INSTANCE, UART6_*, UART1_RX_PIN,
-//! ADC_VBAT_PIN, LED0_PIN, SYSTEM_HSE_MHZ, GYRO_1_ALIGN. The divider is Betaflight's default scale, 110, which the file leaves;
+//! ADC_VBAT_PIN, LED0_PIN, BEEPER_PIN, BEEPER_INVERTED, SYSTEM_HSE_MHZ, GYRO_1_ALIGN. The divider is Betaflight's default scale, 110, which the file leaves;
 //! which of the free ports is for what is ours.
 use core::ops::Range;
 
@@ -36,8 +38,8 @@ use embassy_stm32::i2c::{self, I2c};
 use embassy_stm32::peripherals::USB_OTG_FS;
 use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH2, DMA1_CH5, DMA1_CH6, DMA1_CH7};
 use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH3, USART3};
-use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH1, DMA2_CH2, DMA2_CH3, DMA2_CH6};
-use embassy_stm32::peripherals::{I2C1, IWDG, PB8, PB9, TIM3, TIM4, USART1, USART2, USART6};
+use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH1, DMA2_CH2, DMA2_CH3, DMA2_CH5, DMA2_CH6};
+use embassy_stm32::peripherals::{I2C1, IWDG, PB8, PB9, TIM1, TIM3, TIM4, USART1, USART2, USART6};
 use embassy_stm32::spi::Spi;
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::Channel::{Ch1, Ch2, Ch3, Ch4};
@@ -47,10 +49,12 @@ use embassy_stm32::usart::{self, Uart, UartRx};
 use embassy_stm32::usb;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, interrupt, pac, rcc};
+use firmware::dshot::{self, Dialogue};
 use firmware::icm42688::Mount;
-use firmware::{crsf, dshot, pose, ubx};
+use firmware::{crsf, pose, ubx};
 
 use super::bank::Bank;
+use super::ear::Ear;
 use super::{
     Battery, Board, Buffers, STATION_BAUD, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensor_bus,
     store, usb_config,
@@ -97,6 +101,7 @@ bind_interrupts!(pub(crate) struct Irqs {
     DMA2_STREAM1 => dma::InterruptHandler<DMA2_CH1>;
     DMA2_STREAM2 => dma::InterruptHandler<DMA2_CH2>;
     DMA2_STREAM3 => dma::InterruptHandler<DMA2_CH3>;
+    DMA2_STREAM5 => dma::InterruptHandler<DMA2_CH5>;
     DMA2_STREAM6 => dma::InterruptHandler<DMA2_CH6>;
     DMA1_STREAM3 => dma::InterruptHandler<DMA1_CH3>;
     DMA1_STREAM1 => dma::InterruptHandler<DMA1_CH1>;
@@ -110,6 +115,9 @@ pub(crate) struct MotorPins {
     second: Bank<TIM3, DMA1_CH2, 2>,
 }
 
+/// What listens to the speed controllers.
+pub(crate) type MotorEar = Ear<TIM1, DMA2_CH5>;
+
 impl MotorPins {
     /// The timers' counts in one period, which are the counts of a DShot bit or of the time between pulses.
     pub(crate) fn counts(&self) -> u32 {
@@ -117,8 +125,10 @@ impl MotorPins {
     }
 
     /// Sends one DShot frame to each motor; returns when they are through.
-    pub(crate) async fn send(&mut self, [a, b, c, d]: [dshot::Value; 4]) {
-        embassy_futures::join::join(self.first.send([a, b]), self.second.send([c, d])).await;
+    pub(crate) async fn send(&mut self, [a, b, c, d]: [dshot::Value; 4], dialogue: Dialogue) {
+        // First all of them: they begin together.
+        let (first, second) = (self.first.frames([a, b], dialogue), self.second.frames([c, d], dialogue));
+        embassy_futures::join::join(self.first.send(&first), self.second.send(&second)).await;
     }
 
     /// Sets how long each motor's pulses are from now on, in counts.
@@ -128,9 +138,9 @@ impl MotorPins {
     }
 
     /// Connects the outputs; until then their lines are low.
-    pub(crate) fn enable(&mut self) {
-        self.first.enable();
-        self.second.enable();
+    pub(crate) fn enable(&mut self, dialogue: Dialogue) {
+        self.first.enable(dialogue);
+        self.second.enable(dialogue);
     }
 }
 
@@ -155,6 +165,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
             first: Bank { timer: first, dma: p.DMA1_CH6, channels: [Ch1, Ch2] },
             second: Bank { timer: second, dma: p.DMA1_CH2, channels: [Ch3, Ch4] },
         },
+        ear: Some(Ear::new(p.TIM1, p.DMA2_CH5, pac::GPIOB, [6, 7, 0, 1], PROTOCOL.timer_hz())),
         imu_bus: Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA2_CH3, p.DMA2_CH0, Irqs, imu_bus_config()),
         imu_select: Output::new(p.PA4, Level::High, Speed::VeryHigh),
         imu_ready: ExtiInput::new(p.PC4, p.EXTI4, Pull::Down, Irqs),
@@ -173,6 +184,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
         store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region3),
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PC13, Level::High, Speed::Low),
+        buzzer: Output::new(p.PC15, Level::Low, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG, WATCHDOG_US),
         bitten,
         browned_out,

@@ -66,16 +66,15 @@ impl Scenario {
             ("sensors.baros", keys.baros > 1, "2", "1: there is one on the board"),
             ("sensors.range", keys.range.is_some(), "a part", "left out: there is none on the board"),
             ("sensors.flow", keys.flow.is_some(), "a part", "left out: there is none on the board"),
-            ("sensors.rotor_speed", keys.rotor_speed.is_some(), "a part", "left out: no rotor tells its speed there"),
         ] {
             if there {
                 return refuse(key, value, allowed);
             }
         }
         for (i, fault) in self.sensor_fault.iter().enumerate() {
-            let inertial = matches!(fault.sensor, Sensor::Gyro | Sensor::Accelerometer);
-            if inertial && matches!(fault.kind, SensorFaultKind::Off | SensorFaultKind::Intermittent { .. }) {
-                let allowed = "one of the others: the emulated inertial unit samples by itself";
+            let by_itself = matches!(fault.sensor, Sensor::Gyro | Sensor::Accelerometer | Sensor::RotorSpeed);
+            if by_itself && matches!(fault.kind, SensorFaultKind::Off | SensorFaultKind::Intermittent { .. }) {
+                let allowed = "one of the others: what is emulated of it speaks by itself";
                 return refuse(&format!("sensor_fault[{i}].kind"), fault.kind.name().as_str(), allowed);
             }
         }

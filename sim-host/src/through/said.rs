@@ -1,5 +1,5 @@
 //! What is said to the emulated devices: sensors' readings as their parts sense them, sticks and switches as the radio carries them.
-use crate::emulator::{Emulator, Health, Motion, Part};
+use crate::emulator::{Emulator, Health, Motion, Part, Telemetry};
 use crate::sensors::{SensorKeys, pressure_pa};
 use control_core::geodesy::{GeodesyError, Geodetic, LocalFrame};
 use control_core::measurement::{Imu, Measurements};
@@ -21,10 +21,13 @@ pub(super) struct Said {
 }
 
 impl Said {
-    /// Takes off the bus what the machine does not carry.
+    /// Takes off the bus what the machine does not carry, and silences speed controllers that tell nothing.
     pub(super) fn new(emulator: &mut Emulator, keys: &SensorKeys) -> Result<Self, GeodesyError> {
         if keys.mag.is_none() {
             emulator.set_health(Part::Magnetometer, Health::Silent);
+        }
+        if keys.rotor_speed.is_none() {
+            (0..4).for_each(|motor| emulator.set_telemetry(motor, Telemetry::Silent));
         }
         Ok(Self { samples: 0, world: LocalFrame::try_new(HOME)? })
     }
@@ -47,6 +50,9 @@ impl Said {
         if let Some(vision) = measurements.vision {
             let age_us = (1e6 * t_s).round() as u64;
             emulator.send_pose(age_us.saturating_sub(vision.time_us) as u32, &vision.value);
+        }
+        if let Some(rotors) = measurements.rotor_rad_s {
+            emulator.turn_rotors(rotors.value);
         }
         if let Some(battery_v) = measurements.battery_v {
             emulator.set_battery(battery_v.value);
