@@ -332,7 +332,10 @@ mod tests {
     fn file(parameters: &Parameters, records: &[Record], lost: impl Fn(usize) -> bool) -> Vec<u8> {
         let mut blocks = Vec::new();
         let preamble = Preamble { image: ["0.1.0", "c0ffee"], board: "a board", parameters };
-        let Ok(()) = preamble.blocks(|block| Ok::<_, Infallible>(blocks.push(block)));
+        let Ok(()) = preamble.blocks(|block| {
+            blocks.push(block);
+            Ok::<_, Infallible>(())
+        });
         let mut packer = Packer::new();
         let steps = records.iter().filter_map(|record| packer.note(record)).collect::<Vec<_>>();
         let steps = steps.into_iter().chain([packer.finish()]).enumerate();

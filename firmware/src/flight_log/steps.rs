@@ -259,8 +259,8 @@ mod tests {
         let mut words = [0; WORDS];
         // A sample, running, self-test passed, parameters valid.
         words[..4].copy_from_slice(&[1 | 1 << 3 | 1 << 5 | 1 << 7, n, 500 * n, 0]);
-        for (place, word) in words[INERTIAL].iter_mut().enumerate() {
-            *word = value((n * 37 % 4_001) as i16 - 2_000 + place as i16, SCALES[place]);
+        for ((place, word), scale) in (0_i16..).zip(&mut words[INERTIAL]).zip(SCALES) {
+            *word = value((n * 37 % 4_001) as i16 - 2_000 + place, scale);
         }
         for (place, word) in words[12..16].iter_mut().enumerate() {
             *word = (0.4 + 1e-3 * ((n + place as u32) % 100) as f32).to_bits();
