@@ -10,10 +10,13 @@
 //! command is a share of the largest thrust; a speed controller turns its rotor in proportion to what it is told, and thrust
 //! grows with the square of the speed, so the share of the speed is its root.
 //!
+//! What is known of this machine's compass and accelerometer, by parameters, is taken off here, before anything is estimated.
+//!
 //! [`Helm`] is the part after the estimate, for those who make the estimate themselves or are shown the truth.
 //!
 //! Invariant: without an armed autopilot, or one whose bench runs a rotor, the command is [`Command::Stop`].
 use crate::autopilot::{self, Autopilot, AutopilotState, BenchOrder, System};
+use crate::compass::{self, Compass};
 use crate::estimate::Estimate;
 use crate::estimation::{Estimator, EstimatorConfig, EstimatorConfigError, EstimatorState, EstimatorTelemetry, Phase};
 use crate::measurement::{Measurements, Stamped};
@@ -96,6 +99,7 @@ pub struct Arrived {
 /// Estimator and helm.
 #[derive(Debug)]
 pub struct Flight {
+    compass: Compass,
     estimator: Estimator,
     state: EstimatorState,
     helm: Helm,
@@ -108,15 +112,27 @@ impl Flight {
     /// [`Unflyable`] names the first value that cannot fly.
     pub fn try_new(config: &FlightConfig, parameters: &Parameters) -> Result<Self, Unflyable> {
         let helm = Helm::new(Autopilot::try_with(&config.controller, Some(config.regulators), parameters)?);
-        let estimator = Estimator::try_new(&config.estimator)?;
-        Ok(Self { state: estimator.state(), estimator, helm })
+        let offset_m_s2 = compass::accelerometer_offset(parameters);
+        let estimator = Estimator::try_new(&config.estimator.with_accelerometer_offset(offset_m_s2))?;
+        Ok(Self { compass: Compass::of(parameters), state: estimator.state(), estimator, helm })
     }
 
     /// Decides what the motors do; to be called once an inertial sample, or when one is missed.
     ///
     /// - `now_us`: µs since boot.
     pub fn step(&mut self, now_us: u64, arrived: &Arrived) -> Command {
-        self.estimator.step(&mut self.state, &arrived.measurements, now_us);
+        let corrected;
+        let measurements = match arrived.measurements.magnetic_ut {
+            // Few steps have one: the copy costs little.
+            Some(field) => {
+                let load = self.helm.decision().map_or(0.0, |decision| compass::load(&decision.motors));
+                let value = self.compass.correct(field.value, load);
+                corrected = Measurements { magnetic_ut: Some(Stamped { value, ..field }), ..arrived.measurements };
+                &corrected
+            }
+            None => &arrived.measurements,
+        };
+        self.estimator.step(&mut self.state, measurements, now_us);
         self.helm.step(now_us, self.state.estimate(), self.state.phase() != Phase::Aligning, arrived)
     }
 

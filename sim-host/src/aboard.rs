@@ -3,7 +3,8 @@
 //! A flight begins in a hover, and an estimator at rest: for [`HELD_S`] before the flight the machine is held where it will begin,
 //! its rotors still for two seconds and then turning, while the sensors are read. The board's clock began then.
 use crate::fault::sensors::SensorFault;
-use crate::sensors::{Carrier, SensorKeys, SensorSuite, World};
+use crate::sensors::{Calibration, Carrier, SensorKeys, SensorSuite, World};
+use control_core::compass;
 use control_core::estimate::Estimate;
 use control_core::estimation::{
     Estimator, EstimatorConfig, EstimatorConfigError, EstimatorState, EstimatorTelemetry, GyroConfig, STATES,
@@ -29,6 +30,10 @@ const STILL_S: f64 = 2.0;
 /// Sensors and estimator of one flight.
 pub struct Aboard {
     suite: SensorSuite,
+    calibration: Calibration,
+    /// Largest thrust of a rotor, N, and the load of the motors by their last command.
+    thrust_n_max: f64,
+    load: f32,
     estimator: Estimator,
     state: EstimatorState,
     flown: bool,
@@ -43,17 +48,22 @@ pub struct Aboard {
     measurements: Measurements,
 }
 
-/// The estimator for the sensors `keys`, sampled `control_hz` times a second.
+/// The estimator for the sensors `keys`, sampled `control_hz` times a second, of which `calibration` is known.
 ///
 /// # Errors
 /// [`EstimatorConfigError`] names what it cannot fly with.
-pub fn estimator(keys: &SensorKeys, control_hz: f64) -> Result<Estimator, EstimatorConfigError> {
+pub fn estimator(
+    keys: &SensorKeys,
+    control_hz: f64,
+    calibration: &Calibration,
+) -> Result<Estimator, EstimatorConfigError> {
     let [north, east, down] = keys.earth.field_ned_ut().map(|ut| ut as f32);
-    Estimator::try_new(&EstimatorConfig {
+    let config = EstimatorConfig {
         earth_field_ut: Vec3::new(north, east, down),
         gyro: GyroConfig { sample_hz: control_hz as f32, ..EstimatorConfig::FLIGHT.gyro },
         ..EstimatorConfig::FLIGHT
-    })
+    };
+    Estimator::try_new(&config.with_accelerometer_offset(calibration.accelerometer_m_s2))
 }
 
 impl Aboard {
@@ -65,12 +75,17 @@ impl Aboard {
             fault.from_s += held_s;
             fault.until_s += held_s;
         }
+        // One that is refused is not calibrated: a builder would fly it as it is, or not at all.
+        let calibration = Calibration::learn(keys, carrier).unwrap_or(Calibration::NONE);
         // The scenario's check has built it before.
-        let estimator = estimator(keys, carrier.control_hz).unwrap_or_else(|error| panic!("{error}"));
+        let estimator = estimator(keys, carrier.control_hz, &calibration).unwrap_or_else(|error| panic!("{error}"));
         let mut state = estimator.state();
         let estimate = *estimator.step(&mut state, &Measurements::default(), 0);
         Self {
             suite: SensorSuite::new(keys, &shifted, carrier),
+            calibration,
+            thrust_n_max: carrier.vehicle.thrust_n_max(),
+            load: 0.0,
             estimator,
             state,
             flown: keys.flown,
@@ -88,6 +103,7 @@ impl Aboard {
         for tick in 0..(self.began_s / self.dt_s).round() as usize {
             let t_s = tick as f64 * self.dt_s;
             let rotor_n = if t_s < STILL_S { &[0.0; 4] } else { still.rotor_n };
+            self.hear(rotor_n);
             self.step(&World { t_s: t_s - self.began_s, rotor_n, ..*still });
         }
         if !self.placed {
@@ -100,9 +116,15 @@ impl Aboard {
     pub fn step(&mut self, world: &World) {
         let t_s = world.t_s + self.began_s;
         self.measurements = self.suite.sample(&World { t_s, ..*world });
+        self.calibration.correct(&mut self.measurements, self.load);
         let now_us = self.clock_us(world.t_s);
         self.estimate = *self.estimator.step(&mut self.state, &self.measurements, now_us);
         self.estimate.position_m = self.estimate.position_m + self.origin_m;
+    }
+
+    /// Hears what the rotors are commanded, N.
+    pub fn hear(&mut self, command_n: &[f64; 4]) {
+        self.load = compass::load(&command_n.map(|n| (n / self.thrust_n_max) as f32));
     }
 
     /// Whether controllers fly on the estimate.

@@ -45,6 +45,12 @@ pub struct Vibration {
     pub rate_rad_s: Vector3<f64>,
 }
 
+impl Vibration {
+    /// Of healthy propellers.
+    pub const NONE: Self =
+        Self { specific_force_m_s2: Vector3::new(0.0, 0.0, 0.0), rate_rad_s: Vector3::new(0.0, 0.0, 0.0) };
+}
+
 /// What a controller may be told of the faults, rotor by rotor: the share of a command that the rotor still answers with.
 ///
 /// A rotor that is stopped, floats, has lost its motor, or is stuck or hard-over answers with nothing: 0. One that is reversed

@@ -210,6 +210,7 @@ pub(crate) enum Stream {
     Preflight = 6,
     Sensor = 7,
     SensorFault = 8,
+    Calibration = 9,
 }
 
 pub(crate) fn random(seed: u64, stream: Stream) -> Pcg64 {
@@ -306,6 +307,9 @@ impl Flight<'_> {
             });
             if let Some(ending) = self.ending(t_s, truth, &target) {
                 return Ok(Some(ending));
+            }
+            if let Some(aboard) = &mut aboard {
+                aboard.hear(&command_n);
             }
             machine.act(command_n, 0.0);
         }

@@ -12,6 +12,7 @@
 //! | `line.rs`   | rate, latency, time stamps                                |
 //! | `chance.rs` | random processes, registers                               |
 //! | `broken.rs` | faults                                                    |
+//! | `calibration.rs` | what a builder does before a flight               |
 //! | `account.rs`| how wrong the readings of a flight were                   |
 //! | the others  | one kind of sensor each, its equations at the top         |
 use crate::actuators::Vibration;
@@ -31,6 +32,7 @@ use serde::{Deserialize, Serialize};
 mod account;
 mod air;
 mod broken;
+mod calibration;
 mod chance;
 mod down;
 mod field;
@@ -45,6 +47,7 @@ mod vision;
 
 pub use account::Account;
 pub(crate) use air::pressure_pa;
+pub use calibration::Calibration;
 pub use keys::{BatteryKeys, Each, EarthKeys, RotorSpeedPart, SensorKeys, SkyKeys};
 pub use parts::{BaroPart, FlowPart, GnssPart, ImuPart, MagPart, RangePart, VisionPart};
 pub use suite::{Carrier, SensorSuite};

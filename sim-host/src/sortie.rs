@@ -165,6 +165,9 @@ impl Flight<'_> {
             if ending.is_some() {
                 return Ok(ending);
             }
+            if let Some(aboard) = &mut aboard {
+                aboard.hear(&command_n);
+            }
             machine.act(command_n, outside.hand_nm(t_s, weight_torque_nm));
         }
         Ok(None)

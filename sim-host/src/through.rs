@@ -10,13 +10,16 @@
 //! `Twin`, which is given what the image has decoded and must decide the same to the bit.
 use crate::aboard::HELD_S;
 use crate::emulator::{Answer, Emulator, EmulatorError};
+use crate::fault::sensors::SensorFault;
 use crate::flight::{Ending, Flight, Sample};
 use crate::machine::{Machine, Moment};
 use crate::metrics::{Flown, measured};
-use crate::sensors::{SensorKeys, SensorSuite, World};
+use crate::sensors::{Calibration, Carrier, SensorKeys, SensorSuite, World};
 use crate::sortie::Outside;
+use control_core::compass::load;
 use control_core::flight::Unflyable;
 use control_core::geodesy::GeodesyError;
+use control_core::measurement::Measurements;
 use control_core::parameters::Parameters;
 use said::Said;
 use std::time::Instant;
@@ -93,7 +96,7 @@ fn fly(flight: &Flight, observe: &mut dyn FnMut(&Sample)) -> Result<(Option<Endi
         fault.from_s += HELD_S;
         fault.until_s += HELD_S;
     }
-    let mut suite = SensorSuite::new(keys, &faults, &machine.carrier());
+    let mut suite = Trimmed::new(keys, &faults, &machine.carrier());
     let mut outside = Outside::new(&scenario.event);
     let mut image = Image::switch_on(keys)?;
     let weight_torque_nm = machine.vehicle.weight_torque_nm();
@@ -117,7 +120,9 @@ fn fly(flight: &Flight, observe: &mut dyn FnMut(&Sample)) -> Result<(Option<Endi
         let target = scenario.reference.target(t_s);
         outside.step(t_s);
         let next = image.period(t_s + HELD_S, &mut suite, &machine.world(&moment), &outside)?;
-        let command_n = next.told.map(|told| share(told) * machine.vehicle.thrust_n_max());
+        let shares = next.told.map(share);
+        suite.load = load(&shares.map(|share| share as f32));
+        let command_n = shares.map(|share| share * machine.vehicle.thrust_n_max());
         let torque = machine.vehicle.torque_n_m(&command_n);
         let told = machine.told();
         image.twin.show(&target, |seen| {
@@ -166,6 +171,30 @@ fn share(told: Option<u16>) -> f64 {
     speed * speed
 }
 
+/// Sensors whose calibration is taken off before the image reads them, as if it were soldered in: its own parameters are the defaults.
+struct Trimmed {
+    suite: SensorSuite,
+    calibration: Calibration,
+    /// Of the motors, by what they were last told.
+    load: f32,
+}
+
+impl Trimmed {
+    fn new(keys: &SensorKeys, faults: &[SensorFault], carrier: &Carrier) -> Self {
+        let calibration = Calibration::learn(keys, carrier).unwrap_or(Calibration::NONE);
+        Self { suite: SensorSuite::new(keys, faults, carrier), calibration, load: 0.0 }
+    }
+
+    fn sample(&mut self, world: &World) -> Measurements {
+        let mut measurements = self.suite.sample(world);
+        self.calibration.correct(&mut measurements, self.load);
+        if let Some(imu) = &mut measurements.imu {
+            imu.value.specific_force_m_s2 = imu.value.specific_force_m_s2 - self.calibration.accelerometer_m_s2;
+        }
+        measurements
+    }
+}
+
 /// The image, and who watches it.
 struct Image {
     emulator: Emulator,
@@ -189,7 +218,7 @@ impl Image {
     fn period(
         &mut self,
         t_s: f64,
-        suite: &mut SensorSuite,
+        suite: &mut Trimmed,
         world: &World,
         outside: &Outside,
     ) -> Result<Answer, ThroughError> {

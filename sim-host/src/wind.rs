@@ -78,6 +78,15 @@ pub struct Gusts {
     torque: Wandering,
 }
 
+impl Gust {
+    /// Air that stands.
+    pub const CALM: Self = Self {
+        velocity_m_s: Vector3::new(0.0, 0.0, 0.0),
+        force_n: Vector3::new(0.0, 0.0, 0.0),
+        torque_nm: Vector3::new(0.0, 0.0, 0.0),
+    };
+}
+
 impl Gusts {
     /// Gusts with their own random numbers, forces and torques apart.
     pub fn new(wind: Wind, force: Pcg64, torque: Pcg64) -> Self {

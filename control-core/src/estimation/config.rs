@@ -2,7 +2,7 @@
 //!
 //! Densities are one-sided, per square root of hertz. Where each number comes from is in docs/estimation.md.
 use super::gyro::GyroConfig;
-use crate::frames::{Ned, Vec3};
+use crate::frames::{Body, Ned, Vec3};
 use core::fmt;
 
 /// Noise of the inertial unit, as it flies.
@@ -85,6 +85,8 @@ pub struct EstimatorConfig {
     pub limits: HealthLimits,
     /// Filters of the rates that are flown on.
     pub gyro: GyroConfig,
+    /// What the first accelerometer is known to read too much, m/s².
+    pub accelerometer_offset_m_s2: Vec3<Body>,
     /// The earth's field where it flies, µT; north is true north, so that the declination is in it.
     pub earth_field_ut: Vec3<Ned>,
     /// Innovations beyond this many standard deviations are refused.
@@ -111,7 +113,7 @@ impl EstimatorConfig {
             barometer_m: 0.3,
             barometer_walk_m_rt_s: 0.02,
             magnetic_ut: 1.0,
-            magnetic_bias_ut: 0.4,
+            magnetic_bias_ut: 0.25,
             range_m: 0.03,
             ground_walk_m_rt_s: 0.02,
             flow_rad_s: 0.05,
@@ -128,13 +130,29 @@ impl EstimatorConfig {
             dead_reckoning_s: 5.0,
         },
         gyro: GyroConfig::FLIGHT,
+        accelerometer_offset_m_s2: Vec3::zero(),
         earth_field_ut: Vec3::new(20.5, 0.0, 43.4),
         gate_sigma: 5.0,
     };
 
+    /// The same with an accelerometer whose offset has been measured. How sure of it the filter is stays as it was: an accelerometer that fails
+    /// would else be believed for too long.
+    #[must_use]
+    pub fn with_accelerometer_offset(self, accelerometer_offset_m_s2: Vec3<Body>) -> Self {
+        Self { accelerometer_offset_m_s2, ..self }
+    }
+
     /// Refuses a configuration with a number that cannot be meant.
     pub(crate) fn check(&self) -> Result<(), EstimatorConfigError> {
-        let Self { inertial: i, aiding: a, limits: l, gate_sigma, earth_field_ut: field, gyro } = self;
+        let Self {
+            inertial: i,
+            aiding: a,
+            limits: l,
+            gate_sigma,
+            earth_field_ut: field,
+            gyro,
+            accelerometer_offset_m_s2,
+        } = self;
         for (field, value, range) in [
             ("inertial.gyro_rad_s_rt_hz", i.gyro_rad_s_rt_hz, (1e-6, 0.1)),
             ("inertial.accelerometer_m_s2_rt_hz", i.accelerometer_m_s2_rt_hz, (1e-5, 10.0)),
@@ -166,6 +184,7 @@ impl EstimatorConfig {
             ("gyro.low_pass_hz", gyro.low_pass_hz, (10.0, 500.0)),
             ("gyro.notch_width_hz", gyro.notch_width_hz, (1.0, 100.0)),
             ("gyro.notch_hz_min", gyro.notch_hz_min, (20.0, 500.0)),
+            ("accelerometer_offset_m_s2, squared", accelerometer_offset_m_s2.norm_squared(), (0.0, 3.0)),
             ("gate_sigma", *gate_sigma, (2.0, 20.0)),
             // A horizontal field too weak for a heading, or beyond the earth's.
             ("earth_field_ut, horizontal, squared", field.x * field.x + field.y * field.y, (25.0, 4900.0)),

@@ -13,7 +13,7 @@ use super::quaternion::Quaternion;
 use super::sources::Source;
 use super::strapdown::Nominal;
 use super::{Aided, Estimator, EstimatorState, PIECE_S, Phase};
-use crate::frames::Vec3;
+use crate::frames::{Body, Vec3};
 use crate::measurement::{Imu, Stamped};
 
 /// Fixed gains have the attitude again after this long, s.
@@ -35,10 +35,10 @@ impl Estimator {
                 gyro_bias_rad_s: self.config.inertial.gyro_bias_rad_s,
                 levelled_by_accelerometer: true,
             };
-            state.filter = Filter::new(&self.config, Nominal::at_rest(rotation, rest.rate_rad_s), &start);
+            state.filter = Filter::new(&self.config, self.at_rest(rotation, rest.rate_rad_s), &start);
             state.phase = Phase::Running;
         } else if rest.impatient {
-            state.filter = Filter::new(&self.config, Nominal::at_rest(rotation, Vec3::zero()), &self.thrown());
+            state.filter = Filter::new(&self.config, self.at_rest(rotation, Vec3::zero()), &self.thrown());
             state.phase = Phase::FallenBack;
             state.fallen_s = 0.0;
         }
@@ -47,9 +47,16 @@ impl Estimator {
         state.filter.history.push(imu.time_us, &state.filter.nominal);
     }
 
+    /// Still, with the accelerometer's offset as it is known.
+    fn at_rest(&self, rotation: Quaternion, gyro_bias_rad_s: Vec3<Body>) -> Nominal {
+        let mut nominal = Nominal::at_rest(rotation, gyro_bias_rad_s);
+        nominal.accelerometer_bias_m_s2 = self.config.accelerometer_offset_m_s2;
+        nominal
+    }
+
     /// The attitude that a window shows, and how well its heading is known, rad; `None` while something better may come.
     fn found(&self, state: &EstimatorState, rest: &Rest) -> Option<(Quaternion, f32)> {
-        let force = rest.force_m_s2;
+        let force = rest.force_m_s2 - self.config.accelerometer_offset_m_s2;
         if let Some(vision) = &state.pending.vision {
             let sigma_rad = vision.value.attitude_sigma_rad.max(0.01);
             return alignment::attitude_as_seen(force, &vision.value.attitude).map(|q| (q, sigma_rad));
@@ -101,7 +108,7 @@ impl Estimator {
     /// Gives the filter up for fixed gains, from the last estimate that was sound.
     pub(super) fn fall_back(&self, state: &mut EstimatorState) {
         let last = &state.estimate;
-        let mut nominal = Nominal::at_rest(Quaternion::of(&last.attitude), last.gyro_bias_rad_s);
+        let mut nominal = self.at_rest(Quaternion::of(&last.attitude), last.gyro_bias_rad_s);
         (nominal.velocity_m_s, nominal.position_m) = (last.velocity_m_s, last.position_m);
         let offset_m = state.filter.barometer_offset_m;
         state.filter = Filter::new(&self.config, nominal, &self.thrown());

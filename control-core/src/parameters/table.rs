@@ -53,4 +53,22 @@ parameters! {
     GainHorizontal "GAIN_HORIZ" [""] 0.5..=2.0, 1.0, "Factor on the gains of north and east.";
     GainAltitude "GAIN_ALT" [""] 0.5..=2.0, 1.0, "Factor on the gains of altitude.";
     GainHeading "GAIN_HEADING" [""] 0.5..=2.0, 1.0, "Factor on the gains of heading.";
+    AccOffX "ACC_OFF_X" ["m/s2"] -1.0..=1.0, 0.0, "What the accelerometer reads too much forward.";
+    AccOffY "ACC_OFF_Y" ["m/s2"] -1.0..=1.0, 0.0, "The same to the right.";
+    AccOffZ "ACC_OFF_Z" ["m/s2"] -1.0..=1.0, 0.0, "The same down.";
+    MagOffX "MAG_OFF_X" ["uT"] -200.0..=200.0, 0.0, "Hard iron at the compass, forward.";
+    MagOffY "MAG_OFF_Y" ["uT"] -200.0..=200.0, 0.0, "The same to the right.";
+    MagOffZ "MAG_OFF_Z" ["uT"] -200.0..=200.0, 0.0, "The same down.";
+    MagIronXx "MAG_IRON_XX" [""] 0.3..=3.0, 1.0, "What undoes soft iron at the compass, row x, column x.";
+    MagIronXy "MAG_IRON_XY" [""] -1.0..=1.0, 0.0, "The same, row x, column y.";
+    MagIronXz "MAG_IRON_XZ" [""] -1.0..=1.0, 0.0, "The same, row x, column z.";
+    MagIronYx "MAG_IRON_YX" [""] -1.0..=1.0, 0.0, "The same, row y, column x.";
+    MagIronYy "MAG_IRON_YY" [""] 0.3..=3.0, 1.0, "The same, row y, column y.";
+    MagIronYz "MAG_IRON_YZ" [""] -1.0..=1.0, 0.0, "The same, row y, column z.";
+    MagIronZx "MAG_IRON_ZX" [""] -1.0..=1.0, 0.0, "The same, row z, column x.";
+    MagIronZy "MAG_IRON_ZY" [""] -1.0..=1.0, 0.0, "The same, row z, column y.";
+    MagIronZz "MAG_IRON_ZZ" [""] 0.3..=3.0, 1.0, "The same, row z, column z.";
+    MagMotX "MAG_MOT_X" ["uT"] -200.0..=200.0, 0.0, "Field of all motors at full thrust, forward.";
+    MagMotY "MAG_MOT_Y" ["uT"] -200.0..=200.0, 0.0, "The same to the right.";
+    MagMotZ "MAG_MOT_Z" ["uT"] -200.0..=200.0, 0.0, "The same down.";
 }

@@ -3,6 +3,7 @@ use super::Scenario;
 use super::check::{Check, Wrong, range, refuse};
 use crate::aboard::estimator;
 use crate::fault::sensors::{Sensor, SensorFault};
+use crate::sensors::Calibration;
 use crate::sensors::{Each, SensorKeys};
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -11,7 +12,7 @@ impl Scenario {
     pub(super) fn check_sensors(&self) -> Check {
         if let Some(keys) = &self.sensors {
             self.check_sensor_keys(keys)?;
-            estimator(keys, self.control_hz()).map_err(|error| Wrong {
+            estimator(keys, self.control_hz(), &Calibration::NONE).map_err(|error| Wrong {
                 key: "sensors".to_owned(),
                 value: error.to_string(),
                 allowed: "what the estimator can fly with".to_owned(),

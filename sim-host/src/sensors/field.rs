@@ -1,4 +1,4 @@
-//! A magnetometer: the earth's field, what is left of iron after calibration, and the motors' current.
+//! A magnetometer as it is built in: the earth's field, iron, and the motors' current. What a calibration makes of it is `calibration.rs`.
 //!
 //! ```text
 //! m = (1 + S) Rᵀ B + h + k I + w + σ n,   w a random walk
@@ -17,19 +17,10 @@ use control_core::frames::{Body, Vec3};
 use control_core::measurement::Stamped;
 use nalgebra::{Matrix3, Vector3};
 
-/// What is wrong with the field at the magnetometer.
-struct Iron {
-    /// Hard iron, each axis, 1 σ, µT.
-    hard_ut: f64,
-    /// Soft iron, each element, 1 σ.
-    soft: f64,
-    /// Share of the current's field that is there.
-    current: f64,
-}
-
-const AS_BUILT: Iron = Iron { hard_ut: 10.0, soft: 0.05, current: 1.0 };
-/// With the motors' field measured and taken off, too.
-const CALIBRATED: Iron = Iron { hard_ut: 0.3, soft: 0.005, current: 0.2 };
+/// Hard iron, each axis, 1 σ, µT.
+const HARD_UT: f64 = 10.0;
+/// Soft iron and how the sensor is turned, each element, 1 σ.
+const SOFT: f64 = 0.05;
 
 impl EarthKeys {
     /// The field, NED, µT.
@@ -60,19 +51,24 @@ impl MagModel {
         let sheet = part.sheet();
         let tuned = keys.tuned(sheet.timing, |each| each.mag);
         let mut chance = stream(seed, Sensor::Mag, 1);
-        let iron = if keys.calibrated { CALIBRATED } else { AS_BUILT };
         Self {
             line: Line::new(tuned.timing, chance.even()),
             broken: Broken::new(faults, Sensor::Mag, 1, seed),
             noise: tuned.noise,
             period_s: 1.0 / tuned.timing.rate_hz,
             field_ut: keys.earth.field_ned_ut().into(),
-            soft: Matrix3::from_fn(|_, _| iron.soft * tuned.noise * chance.normal()),
-            hard_ut: chance.normals() * (iron.hard_ut * tuned.noise),
-            current_ut_a: Vector3::from(keys.mag_ut_per_a) * iron.current,
+            soft: Matrix3::from_fn(|_, _| SOFT * tuned.noise * chance.normal()),
+            hard_ut: chance.normals() * (HARD_UT * tuned.noise),
+            current_ut_a: keys.mag_ut_per_a.into(),
             chance,
             sheet,
         }
+    }
+
+    /// The same compass at another time: other noise, and an offset that has wandered for `apart_s`.
+    pub(super) fn at_another_time(mut self, apart_s: f64, mut chance: Chance) -> Self {
+        self.hard_ut += chance.normals() * (self.sheet.walk_ut * self.noise * libm::sqrt(apart_s));
+        Self { chance, ..self }
     }
 
     /// - `current_a`: of all motors.

@@ -133,6 +133,12 @@ impl Half {
         }
     }
 
+    /// The same at another time: other noise, and a bias that has wandered for `apart_s`.
+    fn at_another_time(mut self, apart_s: f64, mut chance: Chance) -> Self {
+        self.bias += chance.normals() * (self.sheet.walk * self.noise * libm::sqrt(apart_s));
+        Self { chance, ..self }
+    }
+
     /// One tick of the signal.
     fn step(&mut self, truth: Vector3<f64>, vibration: Vector3<f64>, dt_s: f64) {
         self.bias += self.chance.normals() * (self.sheet.walk * self.noise * libm::sqrt(dt_s));
@@ -188,6 +194,15 @@ impl ImuModel {
             before: None,
             ticks: 0.0,
             dt_s: 1.0 / setup.control_hz,
+        }
+    }
+
+    /// The same unit at another time: other noise, and biases that have wandered for `apart_s`.
+    pub(super) fn at_another_time(self, apart_s: f64, [gyro, accelerometer]: [Chance; 2]) -> Self {
+        Self {
+            gyro: self.gyro.at_another_time(apart_s, gyro),
+            accelerometer: self.accelerometer.at_another_time(apart_s, accelerometer),
+            ..self
         }
     }
 

@@ -40,7 +40,7 @@ pub struct SensorKeys {
     pub rotor_speed: Option<RotorSpeedPart>,
     /// Battery, whose voltage is measured.
     pub battery: Option<BatteryKeys>,
-    /// Whether gyro, accelerometer and magnetometer were calibrated, or are as delivered.
+    /// Whether the sensors were calibrated, or are as delivered; compass and first accelerometer by the procedure of docs/compass.md.
     pub calibrated: bool,
     /// Samples a second, instead of the part's. An inertial unit has one each tick.
     pub rate_hz: Each,
@@ -56,7 +56,7 @@ pub struct SensorKeys {
     pub light_lux: f64,
     /// Share of the ground's image that has texture, 0 to 1.
     pub texture: f64,
-    /// Magnetic field of the motor current at the magnetometer, body axes, µT/A; a calibration leaves a fifth of it.
+    /// Magnetic field of the motor current at the magnetometer, body axes, µT/A.
     pub mag_ut_per_a: [f64; 3],
     /// Current of all motors in a hover, A.
     pub hover_a: f64,

@@ -177,10 +177,10 @@ impl MagPart {
         let timing = Timing { rate_hz: 50.0, latency_s: 0.005, jitter_s: 1e-4 };
         match self {
             Self::Qmc5883l => {
-                MagSheet { timing, noise_ut: 0.2, walk_ut: 0.005, lsb_ut: 100.0 / 3000.0, span_ut: [800.0; 3] }
+                MagSheet { timing, noise_ut: 0.2, walk_ut: 0.003, lsb_ut: 100.0 / 3000.0, span_ut: [800.0; 3] }
             }
             Self::Ist8310 => {
-                MagSheet { timing, noise_ut: 0.3, walk_ut: 0.005, lsb_ut: 0.3, span_ut: [1600.0, 1600.0, 2500.0] }
+                MagSheet { timing, noise_ut: 0.3, walk_ut: 0.003, lsb_ut: 0.3, span_ut: [1600.0, 1600.0, 2500.0] }
             }
         }
     }
