@@ -143,6 +143,7 @@ impl GnssModel {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::{SMatrix, SVector};
 
     /// Horizontal distances that 95 % of half an hour is within, m: of the slow error alone, of it with multipath, and of the slow one along north.
     fn half_an_hour(seed: u64) -> [f64; 3] {
@@ -182,5 +183,97 @@ mod tests {
             );
         }
         assert!((0.15..0.25).contains(&slow.1) && all.1 > 0.4 && north.1 < 0.12, "{slow:?} {all:?} {north:?}");
+    }
+
+    /// Errors of one axis, for the best estimator there can be: dead reckoning's position and velocity, what its acceleration is off by, and what the
+    /// receiver is off by in velocity, by multipath and slowly.
+    type Errors = SVector<f64, 6>;
+
+    const SECOND: f64 = 1.0;
+    const HALF_AN_HOUR: usize = 1800;
+    /// Bias of a horizontal acceleration, once tilt and accelerometer have settled, 1 σ, and its walk: as the inertial unit's.
+    const BIAS_M_S2: f64 = 0.005;
+    const BIAS_WALK: f64 = 2e-4;
+
+    /// A linear system that is known to the last digit, and the gains of its Kalman filter, second by second.
+    struct Best {
+        advance: SMatrix<f64, 6, 6>,
+        /// Deviation of what comes in each second.
+        noise: Errors,
+        start: Errors,
+        look: SMatrix<f64, 2, 6>,
+        look_noise: SVector<f64, 2>,
+        gains: Vec<SMatrix<f64, 6, 2>>,
+    }
+
+    impl Best {
+        fn new(sheet: &GnssSheet) -> Self {
+            let keep = |time_s: f64| libm::exp(-SECOND / time_s);
+            let kept = [keep(sheet.multipath_speed_time_s), keep(sheet.multipath_time_s), keep(sheet.slow_time_s)];
+            let mut advance = SMatrix::<f64, 6, 6>::identity();
+            advance[(0, 1)] = SECOND;
+            advance[(0, 2)] = -0.5 * SECOND * SECOND;
+            advance[(1, 2)] = -SECOND;
+            for (i, kept) in kept.into_iter().enumerate() {
+                advance[(3 + i, 3 + i)] = kept;
+            }
+            let sigmas = [sheet.multipath_m_s[0], sheet.multipath_m[0], sheet.slow_m[0]];
+            let kick = |i: usize| sigmas[i] * libm::sqrt(1.0 - kept[i] * kept[i]);
+            let noise = Errors::new(0.0, 0.0, BIAS_WALK * libm::sqrt(SECOND), kick(0), kick(1), kick(2));
+            // The origin is where the receiver was: the slow error begins with nothing.
+            let start = Errors::new(0.0, 0.0, BIAS_M_S2, sigmas[0], sigmas[1], 0.0);
+            let look = SMatrix::<f64, 2, 6>::from_row_slice(&[1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0]);
+            let fixes = libm::sqrt(sheet.timing.rate_hz * SECOND);
+            let look_noise = SVector::<f64, 2>::new(sheet.noise_m[0] / fixes, sheet.noise_m_s[0] / fixes);
+            let square = |v: &Errors| SMatrix::from_diagonal(&v.component_mul(v));
+            let mut p = square(&start);
+            let gains = (0..HALF_AN_HOUR).map(|_| {
+                p = advance * p * advance.transpose() + square(&noise);
+                let s = look * p * look.transpose() + SMatrix::from_diagonal(&look_noise.component_mul(&look_noise));
+                let gain = p * look.transpose() * s.try_inverse().expect("noise is not nothing");
+                p -= gain * look * p;
+                gain
+            });
+            Self { gains: gains.collect(), advance, noise, start, look, look_noise }
+        }
+
+        /// What it is off by in position, second by second.
+        fn fly(&self, chance: &mut Chance) -> Vec<f64> {
+            let mut draw = |sigma: &Errors| sigma.map(|sigma| sigma * chance.normal());
+            let (mut there, mut believed) = (draw(&self.start), Errors::zeros());
+            let mut off_m = Vec::new();
+            for gain in &self.gains {
+                there = self.advance * there + draw(&self.noise);
+                believed = self.advance * believed;
+                let scatter = draw(&Errors::repeat(1.0)).fixed_rows::<2>(0).component_mul(&self.look_noise);
+                let seen = self.look * there + scatter;
+                believed += gain * (seen - self.look * believed);
+                off_m.push(there[0] - believed[0]);
+            }
+            off_m
+        }
+    }
+
+    /// `cargo test --release -p sim-host --lib best_estimator -- --nocapture` prints the bound of docs/estimation.md.
+    #[test]
+    fn the_best_estimator_there_can_be_is_hardly_better_than_its_receiver() {
+        let best = Best::new(&GnssPart::M10.sheet());
+        let mut chance = stream(1, Sensor::Gnss, 1);
+        let mut distances_m: Vec<f64> = (0..1000)
+            .map(|_| {
+                let [north, east] = [(); 2].map(|()| best.fly(&mut chance));
+                let mut off_m: Vec<f64> = north.iter().zip(&east).map(|(n, e)| libm::hypot(*n, *e)).collect();
+                off_m.sort_by(f64::total_cmp);
+                off_m[off_m.len() * 95 / 100]
+            })
+            .collect();
+        distances_m.sort_by(f64::total_cmp);
+        let beyond = distances_m.iter().filter(|&&m| m > 1.5).count() as f64 / distances_m.len() as f64;
+        let [median_m, tenth_m] = [500, 900].map(|i| distances_m[i]);
+        println!(
+            "best estimator: {median_m:.2} m in the median, {tenth_m:.2} m in one of ten, beyond 1.5 m in {:.0} % of flights",
+            100.0 * beyond
+        );
+        assert!((1.0..1.5).contains(&median_m) && beyond > 0.2, "{median_m} {beyond}");
     }
 }
