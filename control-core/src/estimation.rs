@@ -169,6 +169,8 @@ pub struct Estimator {
     earth_ut: f32,
     /// What iron may turn the heading by.
     iron_rad: f32,
+    /// Longest dead reckoning, µs.
+    reckoning_us: u64,
 }
 
 impl Estimator {
@@ -187,6 +189,7 @@ impl Estimator {
             steep: field.z / horizontal,
             earth_ut: Scalar::sqrt(field.norm_squared()),
             iron_rad: config.aiding.magnetic_bias_ut / horizontal,
+            reckoning_us: (config.limits.dead_reckoning_s * 1e6) as u64,
         })
     }
 
@@ -292,7 +295,9 @@ impl Estimator {
     /// - Returns the estimate, which lives in the state until the next step.
     pub fn step<'a>(&self, state: &'a mut EstimatorState, measurements: &Measurements, now_us: u64) -> &'a Estimate {
         self.admit(state, measurements, now_us);
-        if let Some(imu) = state.admit_inertial(measurements, now_us) {
+        let before = (state.stepped_us, state.phase);
+        let inertial = state.admit_inertial(measurements, now_us);
+        if let Some(imu) = inertial {
             let dt_s = state.lasted_s(imu, &self.config);
             match state.phase {
                 Phase::Aligning => self.align(state, imu, dt_s, now_us),
@@ -300,7 +305,10 @@ impl Estimator {
             }
             state.time_us = imu.time_us;
         }
-        self.judge(state, now_us);
+        // Between two steps of the covariance nothing changes of it but that samples fail to come.
+        if inertial.is_none() || before != (state.stepped_us, state.phase) {
+            self.judge(state, now_us);
+        }
         &state.estimate
     }
 
@@ -346,6 +354,11 @@ impl Estimator {
 impl EstimatorState {
     /// How long a sample lasted, s.
     fn lasted_s(&self, imu: &Stamped<Imu>, config: &EstimatorConfig) -> f32 {
-        if self.time_us == 0 { 1.0 / config.gyro.sample_hz } else { (imu.time_us - self.time_us) as f32 * 1e-6 }
+        if self.time_us == 0 {
+            return 1.0 / config.gyro.sample_hz;
+        }
+        // Of 32 bits, which the chip converts by itself; an hour is a gap like any other.
+        let lasted_us = u32::try_from(imu.time_us - self.time_us).unwrap_or(u32::MAX);
+        lasted_us as f32 * 1e-6
     }
 }

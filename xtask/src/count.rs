@@ -26,7 +26,7 @@ const FLIGHTS: [(&str, &str, u32); 6] = [
 
 /// The most instructions of an estimator step, which is every 4 ms, and of one inertial sample.
 const ESTIMATOR_STEP_MAX: u32 = 25_000;
-const ESTIMATOR_PATH_MAX: u32 = 1_300;
+const ESTIMATOR_PATH_MAX: u32 = 1_000;
 
 /// The PSRAM of mps2-an386, where `tick-bench` looks for the record.
 const RECORD_ADDRESS: &str = "0x21000000";

@@ -1,4 +1,5 @@
 //! What is let in: ranges of what each part can measure, then the clock and the pulse of its source.
+use super::gyro::GyroChain;
 use super::sources::{Look, Source, SourceFault};
 use super::{Estimator, EstimatorState};
 use crate::frames::{Attitude, Vec3};
@@ -80,7 +81,7 @@ impl Estimator {
             }
         }
         if let Some(s) = rotor_rad_s {
-            self.chain.hear(&mut state.gyro, &s.value, now_us);
+            GyroChain::hear(&mut state.gyro, &s.value, now_us);
         }
         admit_barometers(state, measurements, now_us);
     }

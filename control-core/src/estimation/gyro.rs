@@ -48,20 +48,21 @@ type Memory = [Vec3<Body>; 2];
 struct Notch {
     /// Where it is, rad a sample; 0 where there is none.
     turn_rad: f32,
-    /// Where the rotor is.
-    wanted_rad: f32,
-    cos: f32,
+    /// 2β c.
+    gain: f32,
     memory: Memory,
 }
 
 impl Notch {
-    const OFF: Self = Self { turn_rad: 0.0, wanted_rad: 0.0, cos: 1.0, memory: [Vec3::zero(); 2] };
+    const OFF: Self = Self { turn_rad: 0.0, gain: 0.0, memory: [Vec3::zero(); 2] };
 }
 
 /// What the filters remember.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct GyroState {
     notches: [Notch; ROTORS],
+    /// As last told.
+    rotor_rad_s: [f32; ROTORS],
     low_pass: Memory,
     /// The notch that follows its rotor next.
     turn: usize,
@@ -71,8 +72,14 @@ pub(crate) struct GyroState {
 
 impl GyroState {
     /// Nothing filtered yet.
-    pub(crate) const NEW: Self =
-        Self { notches: [Notch::OFF; ROTORS], low_pass: [Vec3::zero(); 2], turn: 0, heard_us: 0, started: false };
+    pub(crate) const NEW: Self = Self {
+        notches: [Notch::OFF; ROTORS],
+        rotor_rad_s: [0.0; ROTORS],
+        low_pass: [Vec3::zero(); 2],
+        turn: 0,
+        heard_us: 0,
+        started: false,
+    };
 }
 
 /// Coefficients of a low-pass section: `b₁ = 2 b₀`, `b₂ = b₀`.
@@ -113,13 +120,8 @@ impl GyroChain {
     }
 
     /// Hears of the rotors' speeds, rad/s.
-    pub(crate) fn hear(&self, state: &mut GyroState, rotor_rad_s: &[f32; ROTORS], now_us: u64) {
-        state.heard_us = now_us;
-        for (notch, speed) in state.notches.iter_mut().zip(rotor_rad_s) {
-            let turn = speed.abs() * self.sample_s;
-            let fits = (self.turn_rad_min..=TURN_MAX * TAU).contains(&turn);
-            notch.wanted_rad = if fits { turn } else { 0.0 };
-        }
+    pub(crate) fn hear(state: &mut GyroState, rotor_rad_s: &[f32; ROTORS], now_us: u64) {
+        (state.heard_us, state.rotor_rad_s) = (now_us, *rotor_rad_s);
     }
 
     /// Filters a sample.
@@ -136,7 +138,7 @@ impl GyroChain {
         for notch in state.notches.iter_mut().filter(|notch| notch.turn_rad > 0.0) {
             let scaled = x * c;
             let y = scaled + notch.memory[0];
-            notch.memory = [(y - x) * (2.0 * c * notch.cos) + notch.memory[1], scaled - y * a];
+            notch.memory = [(y - x) * notch.gain + notch.memory[1], scaled - y * a];
             x = y;
         }
         let Some(LowPass { b, a }) = self.low_pass else { return x };
@@ -151,18 +153,19 @@ impl GyroChain {
         let heard = now_us.saturating_sub(state.heard_us) <= SILENCE_US_MAX;
         let turn = state.turn;
         state.turn = (turn + 1) % ROTORS;
-        let Some(notch) = state.notches.get_mut(turn) else { return };
-        if !(heard && notch.wanted_rad > 0.0) {
+        let (Some(notch), Some(speed)) = (state.notches.get_mut(turn), state.rotor_rad_s.get(turn)) else { return };
+        let wanted_rad = speed.abs() * self.sample_s;
+        if !(heard && (self.turn_rad_min..=TURN_MAX * TAU).contains(&wanted_rad)) {
             notch.turn_rad = 0.0;
             return;
         }
         if notch.turn_rad == 0.0 {
             // As if the rate had always been this one.
             let rest = rate_rad_s * (0.5 * (1.0 - self.notch_a));
-            (notch.turn_rad, notch.memory) = (notch.wanted_rad, [rest, rest]);
+            (notch.turn_rad, notch.memory) = (wanted_rad, [rest, rest]);
         }
-        notch.turn_rad += ROTORS as f32 * FOLLOW * (notch.wanted_rad - notch.turn_rad);
-        notch.cos = cos_half_turn(notch.turn_rad);
+        notch.turn_rad += ROTORS as f32 * FOLLOW * (wanted_rad - notch.turn_rad);
+        notch.gain = (1.0 + self.notch_a) * cos_half_turn(notch.turn_rad);
     }
 
     /// How much later slow motion leaves the filters than it enters them, s.
@@ -188,7 +191,7 @@ mod tests {
         for i in 0..2000_u16 {
             let now_us = u64::from(i) * 2000;
             if let Some(rotor_hz) = rotor_hz {
-                chain.hear(&mut state, &[TAU * rotor_hz; ROTORS], now_us);
+                GyroChain::hear(&mut state, &[TAU * rotor_hz; ROTORS], now_us);
             }
             let x = libm::sinf(TAU * libm::fmodf(hz * f32::from(i) * 0.002, 1.0));
             let y = chain.step(&mut state, Vec3::new(x, 0.0, 0.0), now_us);
@@ -227,7 +230,7 @@ mod tests {
             for i in 0..1500_u16 {
                 let now_us = u64::from(i) * 2000;
                 if let Some(hz) = rotor_hz {
-                    chain.hear(&mut state, &[TAU * hz; ROTORS], now_us);
+                    GyroChain::hear(&mut state, &[TAU * hz; ROTORS], now_us);
                 }
                 let x = f32::from(i) * 0.002;
                 late_s = x - chain.step(&mut state, Vec3::new(x, 0.0, 0.0), now_us).x;
@@ -246,7 +249,7 @@ mod tests {
         for i in 0..4000_u64 {
             let now_us = i * 2000;
             if (i / 500) % 2 == 1 {
-                chain.hear(&mut state, &[300.0 + i as f32 * 0.1; ROTORS], now_us);
+                GyroChain::hear(&mut state, &[300.0 + i as f32 * 0.1; ROTORS], now_us);
             }
             let y = chain.step(&mut state, Vec3::new(1.0, -2.0, 35.0), now_us);
             worst = worst.max((y.z - 35.0).abs());
@@ -263,7 +266,7 @@ mod tests {
             // 60 to 120 Hz in six seconds.
             let hz = 60.0 + f32::from(i) * 0.02;
             phase = libm::fmodf(phase + hz * 0.002, 1.0);
-            chain.hear(&mut state, &[TAU * hz; ROTORS], u64::from(i) * 2000);
+            GyroChain::hear(&mut state, &[TAU * hz; ROTORS], u64::from(i) * 2000);
             let y = chain.step(&mut state, Vec3::new(libm::sinf(TAU * phase), 0.0, 0.0), u64::from(i) * 2000);
             if i > 200 {
                 worst = worst.max(y.x.abs());
@@ -277,7 +280,7 @@ mod tests {
         let chain = GyroChain::new(&GyroConfig::FLIGHT);
         let mut state = GyroState::NEW;
         for i in 0..20_u64 {
-            chain.hear(&mut state, &[f32::NAN, f32::INFINITY, 1e9, 1.0], i * 2000);
+            GyroChain::hear(&mut state, &[f32::NAN, f32::INFINITY, 1e9, 1.0], i * 2000);
             let y = chain.step(&mut state, Vec3::new(1.0, 1.0, 1.0), i * 2000);
             assert!((y.x - 1.0).abs() < 1e-5);
         }

@@ -49,8 +49,7 @@ impl Estimator {
     /// Fills in what may be flown on.
     pub(super) fn judge(&self, state: &mut EstimatorState, now_us: u64) {
         let (limits, sigma, aided) = (&self.config.limits, &state.estimate.sigma, &state.aided);
-        let reckoning_us = (limits.dead_reckoning_s * 1e6) as u64;
-        let recent = |time_us: u64| time_us > 0 && now_us.saturating_sub(time_us) <= reckoning_us;
+        let recent = |time_us: u64| time_us > 0 && now_us.saturating_sub(time_us) <= self.reckoning_us;
         let unit = state.inertial();
         let rates = state.watches[unit as usize].is_alive(unit, now_us);
         let mut health = Health { rates, ..Health::default() };

@@ -184,9 +184,11 @@ impl Look {
     }
 
     /// A sample of two halves, each of which can be stuck by itself.
+    ///
+    /// - `in_range`: not true of what is not a number.
     pub(crate) fn of_halves<const N: usize>(time_us: u64, a: [f32; N], b: [f32; N], in_range: bool) -> Self {
         let fingerprints = [fingerprint(&a), fingerprint(&b)];
-        Self { time_us, fingerprints, finite: are_finite(&a) && are_finite(&b), in_range }
+        Self { time_us, fingerprints, finite: in_range || are_finite(&a) && are_finite(&b), in_range }
     }
 }
 

@@ -222,7 +222,8 @@ mod tests {
             let noise = Errors::new(0.0, 0.0, BIAS_WALK * libm::sqrt(SECOND), kick(0), kick(1), kick(2));
             // The origin is where the receiver was: the slow error begins with nothing.
             let start = Errors::new(0.0, 0.0, BIAS_M_S2, sigmas[0], sigmas[1], 0.0);
-            let look = SMatrix::<f64, 2, 6>::from_row_slice(&[1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0]);
+            let look =
+                SMatrix::<f64, 2, 6>::from_row_slice(&[1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0]);
             let fixes = libm::sqrt(sheet.timing.rate_hz * SECOND);
             let look_noise = SVector::<f64, 2>::new(sheet.noise_m[0] / fixes, sheet.noise_m_s[0] / fixes);
             let square = |v: &Errors| SMatrix::from_diagonal(&v.component_mul(v));
