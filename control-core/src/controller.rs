@@ -17,6 +17,7 @@ use crate::frames::{Body, Ned, Vec3};
 use crate::guidance::{Angles, Guidance};
 use crate::law::{AxisLaw, AxisState, Law};
 use crate::math::wrap_pi;
+use crate::restart::Tape;
 use crate::rotors::{Rotors, RotorsState};
 use crate::signals::{Input, Output, Telemetry};
 use crate::spin::Regulators;
@@ -259,6 +260,17 @@ impl<S: Scalar> Controller<S> {
         let wanted = self.wanted(state, input.rate_rad_s, angles, errors, dt_s);
         let coupling = self.coupling.torque_nm(input.rate_rad_s);
         state.take(self.allocator.allocate(&wanted.with_torque(coupling)));
+    }
+}
+
+impl State<f32> {
+    /// What it has learnt, of the laws and of the rotors.
+    pub(crate) fn pass(&mut self, tape: &mut Tape) {
+        for axis in &mut self.axes {
+            axis.pass(tape);
+        }
+        tape.floats(&mut self.tilt_integrals);
+        self.rotors.pass(tape);
     }
 }
 

@@ -1,5 +1,6 @@
 //! Estimate: what is believed of the machine's motion, how well, and what of it may be flown on.
 use crate::frames::{Attitude, Body, Ned, Vec3};
+use crate::restart::Tape;
 
 /// Motion, biases and their uncertainty at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,4 +61,22 @@ pub struct Health {
     pub velocity: bool,
     /// Horizontal position.
     pub position: bool,
+}
+
+impl Estimate {
+    /// All that dead reckoning goes on from.
+    pub(crate) fn pass(&mut self, tape: &mut Tape) {
+        tape.time(&mut self.time_us);
+        tape.vector(&mut self.position_m);
+        tape.vector(&mut self.velocity_m_s);
+        tape.floats(self.attitude.rows.as_flattened_mut());
+        tape.vector(&mut self.gyro_bias_rad_s);
+        tape.vector(&mut self.accelerometer_bias_m_s2);
+        let Sigma { tilt_rad, heading_rad, horizontal_m_s, vertical_m_s, horizontal_m, altitude_m } = &mut self.sigma;
+        for sigma in [tilt_rad, heading_rad, horizontal_m_s, vertical_m_s, horizontal_m, altitude_m] {
+            tape.float(sigma);
+        }
+        let Health { rates, tilt, heading, altitude, velocity, position } = &mut self.health;
+        tape.bits([rates, tilt, heading, altitude, velocity, position]);
+    }
 }

@@ -20,6 +20,7 @@
 use crate::estimate::{Estimate, Health, Sigma};
 use crate::frames::{Attitude, Vec3};
 use crate::measurement::{Imu, Measurements, Stamped};
+use crate::restart::Tape;
 use crate::{GRAVITY_M_S2, Scalar};
 use alignment::Alignment;
 use filter::{Filter, Start, UNKNOWN_M, UNKNOWN_M_S};
@@ -155,6 +156,20 @@ impl EstimatorState {
     pub fn phase(&self) -> Phase {
         self.phase
     }
+
+    /// Whether filter and estimate may be believed.
+    pub(crate) fn is_sound(&self) -> bool {
+        self.filter.is_sound() && admission::is_rotation(&self.estimate.attitude)
+    }
+
+    /// What a board that was interrupted goes on from.
+    pub(crate) fn pass(&mut self, tape: &mut Tape) {
+        self.estimate.pass(tape);
+        tape.float(&mut self.filter.barometer_offset_m);
+        let mut heard = self.barometer_heard == Some(Source::Barometer);
+        tape.bits([&mut self.placed, &mut self.levelled, &mut heard]);
+        self.barometer_heard = heard.then_some(Source::Barometer).or(self.barometer_heard);
+    }
 }
 
 /// A checked configuration. Immutable: one may serve many states.
@@ -194,6 +209,7 @@ impl Estimator {
     }
 
     /// The state of a board that was just switched on.
+    #[inline(never)]
     pub fn state(&self) -> EstimatorState {
         let nominal = Nominal::at_rest(Quaternion::IDENTITY, Vec3::zero());
         EstimatorState {
@@ -236,6 +252,7 @@ impl Estimator {
     /// The state of a machine whose motion is known: one that a simulation starts in the air, or a board that was interrupted.
     ///
     /// - `known`: with standard deviations that are meant.
+    #[inline(never)]
     pub fn resume(&self, known: &Estimate) -> EstimatorState {
         let sigma = &known.sigma;
         let start = Start {
@@ -257,6 +274,28 @@ impl Estimator {
         state.aided.heading_us = known.time_us;
         state.estimate = *known;
         state
+    }
+
+    /// The state of a board that was interrupted in the air, of what was kept: as if its sources had spoken just before, and its
+    /// inertial unit just now.
+    ///
+    /// - `state`: that of a board that was just switched on; in its place, for it is large.
+    pub(crate) fn go_on(&self, state: &mut EstimatorState, tape: &mut Tape, now_us: u64) {
+        state.pass(tape);
+        let EstimatorState { estimate: known, placed, levelled, barometer_heard, .. } = *state;
+        let offset_m = state.filter.barometer_offset_m;
+        *state = self.resume(&known);
+        state.filter.barometer_offset_m = offset_m;
+        (state.placed, state.levelled, state.barometer_heard) = (placed, levelled, barometer_heard);
+        let heard = |healthy: bool| if healthy { known.time_us } else { 0 };
+        state.aided = Aided {
+            velocity_us: heard(known.health.velocity),
+            position_us: heard(known.health.position),
+            altitude_us: heard(known.health.altitude),
+            heading_us: heard(known.health.heading),
+            seen_us: 0,
+        };
+        state.watches[Source::Inertial as usize].take(now_us);
     }
 
     /// How little is known after an interruption in the air.

@@ -20,8 +20,10 @@ use crate::compass::{self, Compass};
 use crate::estimate::Estimate;
 use crate::estimation::{Estimator, EstimatorConfig, EstimatorConfigError, EstimatorState, EstimatorTelemetry, Phase};
 use crate::measurement::{Measurements, Stamped};
+use crate::modes::Mode;
 use crate::parameters::Parameters;
-use crate::pilot::PilotInput;
+use crate::pilot::{PilotInput, Sticks};
+use crate::restart::{Memory, SOUND_S, Tape, VERSION, WORDS};
 use crate::{Config, ConfigError, Controller, Regulators, Scalar, Setpoint};
 
 /// What flies.
@@ -103,6 +105,8 @@ pub struct Flight {
     estimator: Estimator,
     state: EstimatorState,
     helm: Helm,
+    /// When it last went on after an interruption, µs; 0 if it never did.
+    resumed_us: u64,
 }
 
 impl Flight {
@@ -114,7 +118,7 @@ impl Flight {
         let helm = Helm::new(Autopilot::try_with(&config.controller, Some(config.regulators), parameters)?);
         let offset_m_s2 = compass::accelerometer_offset(parameters);
         let estimator = Estimator::try_new(&config.estimator.with_accelerometer_offset(offset_m_s2))?;
-        Ok(Self { compass: Compass::of(parameters), state: estimator.state(), estimator, helm })
+        Ok(Self { compass: Compass::of(parameters), state: estimator.state(), estimator, helm, resumed_us: 0 })
     }
 
     /// Decides what the motors do; to be called once an inertial sample, or when one is missed.
@@ -134,6 +138,44 @@ impl Flight {
         };
         self.estimator.step(&mut self.state, measurements, now_us);
         self.helm.step(now_us, self.state.estimate(), self.state.phase() != Phase::Aligning, arrived)
+    }
+
+    /// What is to be kept over a reset; nothing unless it flies, and knows at least which way is down.
+    #[inline(never)]
+    pub fn remember(&mut self) -> Option<Memory> {
+        let flies = self.helm.state.flies() && self.state.phase() != Phase::Aligning && self.estimate().health.tilt;
+        let mut memory = [0; WORDS];
+        let mut tape = Tape::writing(&mut memory);
+        tape.word(&mut VERSION.clone());
+        tape.time(&mut self.resumed_us);
+        self.state.pass(&mut tape);
+        self.helm.pass(&mut tape);
+        (flies && tape.is_sound()).then_some(memory)
+    }
+
+    /// Goes on with a flight that was interrupted, on a clock that has gone on; returns whether it does. If not, it is as just switched on.
+    ///
+    /// - `memory`: of [`Self::remember`], with these parameters, checked to be whole.
+    /// - `now_us`: the next step, rather later than it comes.
+    #[cold]
+    #[inline(never)]
+    pub fn resume(&mut self, mut memory: Memory, now_us: u64) -> bool {
+        let mut tape = Tape::reading(&mut memory);
+        let (mut version, mut resumed_us) = (0, 0);
+        tape.word(&mut version);
+        tape.time(&mut resumed_us);
+        self.estimator.go_on(&mut self.state, &mut tape, now_us);
+        self.helm.go_on(&mut tape, self.state.estimate());
+        let lasted_us = self.estimate().time_us.saturating_sub(resumed_us);
+        let sound = tape.is_sound() && version == VERSION && self.state.is_sound();
+        let goes_on = sound && (resumed_us == 0 || lasted_us >= SOUND_S * 1_000_000);
+        if goes_on {
+            self.resumed_us = now_us;
+        } else {
+            self.state = self.estimator.state();
+            self.helm.forget();
+        }
+        goes_on
     }
 
     /// What is believed of the motion.
@@ -225,6 +267,23 @@ impl Helm {
         command
     }
 
+    fn pass(&mut self, tape: &mut Tape) {
+        pass_pilot(self.pilot, tape);
+        self.state.pass(tape);
+    }
+
+    /// Takes what was kept.
+    fn go_on(&mut self, tape: &mut Tape, estimate: &Estimate) {
+        let pilot = pass_pilot(None, tape);
+        self.pilot = Some(pilot);
+        self.state.go_on(tape, estimate, pilot.value.mode);
+    }
+
+    /// As just switched on.
+    fn forget(&mut self) {
+        (self.state, self.pilot) = (self.autopilot.state(), None);
+    }
+
     /// Tells the controller what is known of the rotors: see [`Controller::report`].
     pub fn report(&mut self, shares: [Option<f32>; 4]) {
         self.autopilot.controller().report(&mut self.state.controller, shares);
@@ -246,6 +305,21 @@ impl Helm {
     }
 }
 
+/// Passes the pilot's last frame, whose arm switch is on.
+fn pass_pilot(pilot: Option<Stamped<PilotInput>>, tape: &mut Tape) -> Stamped<PilotInput> {
+    let unheard = PilotInput { sticks: Sticks::NEUTRAL, arm: true, mode: Mode::Disarmed };
+    let mut frame = pilot.unwrap_or(Stamped { time_us: 0, value: unheard });
+    let PilotInput { sticks: Sticks { right, forward, clockwise, throttle }, mode, .. } = &mut frame.value;
+    for stick in [right, forward, clockwise, throttle] {
+        tape.float(stick);
+    }
+    let mut place = *mode as usize;
+    tape.index(&mut place, Mode::ALL.len());
+    *mode = Mode::ALL.get(place).copied().unwrap_or(*mode);
+    tape.time(&mut frame.time_us);
+    frame
+}
+
 /// Share of the fastest speed that makes a share of the largest thrust.
 fn speed(thrust: f32) -> f32 {
     Scalar::sqrt(thrust.clamp(0.0, 1.0))
@@ -258,8 +332,6 @@ mod tests {
     use crate::estimation::GyroConfig;
     use crate::frames::Vec3;
     use crate::measurement::Imu;
-    use crate::modes::Mode;
-    use crate::pilot::Sticks;
     use std::vec::Vec;
 
     const PERIOD_US: u64 = 500;

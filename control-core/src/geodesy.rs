@@ -105,6 +105,11 @@ impl LocalFrame {
         })
     }
 
+    /// Where it was laid.
+    pub fn home(&self) -> Geodetic {
+        self.home
+    }
+
     /// Where `place` is from home, m; the short way over the date line.
     ///
     /// # Errors

@@ -22,6 +22,7 @@
 use crate::Scalar;
 use crate::config::{AxisConfig, ConfigError};
 use crate::filter::LowPass;
+use crate::restart::Tape;
 
 mod lgs;
 mod raw;
@@ -76,6 +77,14 @@ pub(crate) struct AxisState<S: Scalar> {
     s: S,
     /// u of the last tick.
     command: S,
+}
+
+impl AxisState<f32> {
+    /// What it has learnt.
+    pub(crate) fn pass(&mut self, tape: &mut Tape) {
+        tape.floats(&mut self.ratios);
+        tape.float(&mut self.integral);
+    }
 }
 
 /// What an axis thought in the last tick, for logs.

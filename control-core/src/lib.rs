@@ -49,6 +49,7 @@ pub mod modes;
 pub mod motor_test;
 pub mod parameters;
 pub mod pilot;
+pub mod restart;
 mod rotors;
 mod scalar;
 pub mod set;

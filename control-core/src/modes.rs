@@ -98,6 +98,11 @@ impl Trust {
     /// Before the first estimate.
     pub const NONE: Self = Self { level: Level::Nothing, offered: Level::Position, better_s: 0.0 };
 
+    /// One that flies on `level` already.
+    pub(crate) fn at(level: Level) -> Self {
+        Self { level, ..Self::NONE }
+    }
+
     /// Takes what one estimate allows; returns what is flown on.
     pub fn step(&mut self, now: Level, dt_s: f32) -> Level {
         if now <= self.level {

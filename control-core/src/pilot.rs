@@ -106,6 +106,11 @@ impl Pilot {
     /// Before the first frame. The arm switch counts as on: one that is on at power-up has no edge.
     pub const UNHEARD: Self = Self { heard: false, arm: true, mode: None };
 
+    /// Heard, armed, and in `mode`.
+    pub(crate) fn flying(mode: Mode) -> Self {
+        Self { heard: true, arm: true, mode: Some(mode) }
+    }
+
     /// Takes the last frame that arrived.
     pub fn read(&mut self, shape: &Shape, frame: Option<&Stamped<PilotInput>>, now_us: u64) -> Reading {
         let frame = frame.filter(|frame| frame.value.sticks.is_finite());

@@ -24,6 +24,7 @@ use crate::airframe::Airframe;
 use crate::config::{ConfigError, positive};
 use crate::filter::LowPass;
 use crate::frames::{Body, Vec3};
+use crate::restart::Tape;
 use crate::spin::{Regulators, Spin, SpinConfig, Spinning};
 use crate::{Demand, Scalar};
 
@@ -223,6 +224,24 @@ impl<S: Scalar> RotorsState<S> {
             spinning: self.spinning.map(|spinning| spinning.rotor),
             sunk_m: self.sunk_m,
         }
+    }
+}
+
+impl RotorsState<f32> {
+    /// What is believed of the rotors, and whether it flies without one.
+    pub(crate) fn pass(&mut self, tape: &mut Tape) {
+        self.health.pass(tape);
+        tape.floats(&mut self.shares);
+        tape.floats(&mut self.stuck_n);
+        tape.float(self.lag.constant_mut());
+        tape.float(&mut self.sunk_m);
+        let mut spins = self.spinning.is_some();
+        let mut spinning = self.spinning.unwrap_or(Spinning::without(0));
+        tape.bits([&mut spins, &mut spinning.pair, &mut spinning.healed]);
+        tape.index(&mut spinning.rotor, 4);
+        tape.float(&mut spinning.leaning);
+        tape.floats(&mut spinning.wind_m_s2);
+        self.spinning = spins.then_some(spinning);
     }
 }
 

@@ -1,7 +1,6 @@
 //! Faults: motors first, then a word to the log and one to RAM that no reset clears, then nothing until the watchdog resets.
 //!
-//! After a reset the machine is disarmed and stays so until the pilot arms it: an aircraft that has lost its program does
-//! not come back by itself. What was kept is logged at the next start.
+//! What was kept is logged at the next start. On the ground that starts disarmed; what becomes of a flight in the air says `control_core::restart`.
 use core::arch::naked_asm;
 use core::fmt::{self, Write};
 use core::panic::PanicInfo;

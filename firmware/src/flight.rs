@@ -20,6 +20,8 @@ static REGULATORS: Regulators =
 ///
 /// # Errors
 /// [`Unflyable`] names the first value that cannot fly.
+// Not inlined: what it takes of the stack is free again after it.
+#[inline(never)]
 pub fn boot(parameters: &Parameters) -> Result<Flight, Unflyable> {
     let gyro = GyroConfig { sample_hz: icm42688::SAMPLE_HZ, ..EstimatorConfig::FLIGHT.gyro };
     let config = FlightConfig {

@@ -1,10 +1,12 @@
 //! The satellite receiver on its line: set up until it acknowledges, then listened to, and set up again when it falls silent.
+use control_core::geodesy::LocalFrame;
 use control_core::measurement::{Gnss, Stamped};
 use embassy_stm32::mode::Async;
 use embassy_stm32::usart::{RingBufferedUartRx, Uart, UartTx};
 use embassy_time::{Duration, Timer, with_timeout};
 use firmware::ubx::{AGE_US, BAUD, BAUDS, Heard, Receiver, setup, speed};
 
+use crate::restart;
 use crate::tasks::{Newest, now_us};
 
 /// The newest fix.
@@ -44,14 +46,19 @@ impl Port {
     }
 }
 
-/// Listens for ever; a receiver that is absent is asked again and again, at no cost to others.
+/// Listens for ever, with a home that was known before this start, if one was; a receiver that is absent is asked again and again, at no cost to others.
 #[embassy_executor::task]
-pub(crate) async fn locate(mut port: Port) -> ! {
-    let mut receiver = Receiver::new();
+pub(crate) async fn locate(mut port: Port, home: Option<LocalFrame>) -> ! {
+    let mut kept = home.inspect(restart::keep_home).is_some();
+    let mut receiver = Receiver::at(home);
     loop {
         set_up(&mut port, &mut receiver).await;
         defmt::info!("the satellite receiver is set up");
         while let Ok((time_us, heard)) = with_timeout(SILENCE, hear(&mut port, &mut receiver)).await {
+            if let (false, Some(home)) = (kept, receiver.home()) {
+                restart::keep_home(home);
+                kept = true;
+            }
             if let Heard::Fix(value) = heard {
                 GNSS.signal(Stamped { time_us: time_us.saturating_sub(AGE_US), value });
             }

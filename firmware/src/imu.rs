@@ -35,16 +35,20 @@ impl Imu {
     }
 
     /// Resets the part and sets it up; returns what it says it is, which is [`WHO_AM_I`]'s if it is there.
-    pub(crate) async fn start(&mut self) -> u8 {
-        self.write(RESET).await;
-        Timer::after_micros(RESET_US).await;
-        let who = self.who().await;
-        for register in SETUP {
-            self.write(register).await;
+    ///
+    /// - `hurry`: in the air a part that is set up, and has gone on while the chip was reset, is left as it is.
+    pub(crate) async fn start(&mut self, hurry: bool) -> u8 {
+        let goes_on = hurry && self.is_set_up().await;
+        if !goes_on {
+            self.write(RESET).await;
+            Timer::after_micros(RESET_US).await;
+            for register in SETUP {
+                self.write(register).await;
+            }
+            Timer::after_micros(START_US).await;
         }
-        Timer::after_micros(START_US).await;
         self.due = Instant::now();
-        who
+        self.who().await
     }
 
     /// Waits for the next sample, or until it should be there.
@@ -74,9 +78,23 @@ impl Imu {
 
     /// What it says it is.
     async fn who(&mut self) -> u8 {
-        let mut who = [WHO_AM_I.0 | READ, 0];
-        self.exchange(&mut who).await;
-        who[1]
+        self.ask(WHO_AM_I.0).await
+    }
+
+    /// Whether its registers are as [`SETUP`] sets them.
+    async fn is_set_up(&mut self) -> bool {
+        for (register, value) in SETUP {
+            if self.ask(register).await != value {
+                return false;
+            }
+        }
+        true
+    }
+
+    async fn ask(&mut self, register: u8) -> u8 {
+        let mut answer = [register | READ, 0];
+        self.exchange(&mut answer).await;
+        answer[1]
     }
 
     async fn write(&mut self, (register, value): (u8, u8)) {

@@ -17,27 +17,42 @@ impl<const N: usize> Kept<N> {
     }
 
     /// Keeps these words.
-    pub(crate) fn keep(&self, words: [u32; N]) {
-        // Without a sum that fits, until all are written: a reset may come between.
-        self.sum.store(!sum(words), Ordering::Relaxed);
-        compiler_fence(Ordering::SeqCst);
-        for (kept, word) in self.words.iter().zip(words) {
-            kept.store(word, Ordering::Relaxed);
-        }
-        compiler_fence(Ordering::SeqCst);
-        self.sum.store(sum(words), Ordering::Relaxed);
+    pub(crate) fn keep(&self, words: &[u32; N]) {
+        keep(&self.sum, &self.words, words);
+    }
+
+    /// Keeps nothing.
+    pub(crate) fn forget(&self) {
+        self.sum.store(!sum(&self.words), Ordering::Relaxed);
     }
 
     /// What was kept, if anything was; it is not kept any more.
     pub(crate) fn take(&self) -> Option<[u32; N]> {
-        let words = core::array::from_fn(|n| self.words[n].load(Ordering::Relaxed));
-        let fits = self.sum.load(Ordering::Relaxed) == sum(words);
-        self.sum.store(!sum(words), Ordering::Relaxed);
+        let fits = self.sum.load(Ordering::Relaxed) == sum(&self.words);
+        self.forget();
+        let mut words = [0; N];
+        for (word, kept) in words.iter_mut().zip(&self.words) {
+            *word = kept.load(Ordering::Relaxed);
+        }
         fits.then_some(words)
     }
 }
 
+// Over slices, for all sizes alike.
+#[inline(never)]
+fn keep(place: &AtomicU32, kept: &[AtomicU32], words: &[u32]) {
+    // Without a sum that fits, until all are written: a reset may come between.
+    place.store(!sum(kept), Ordering::Relaxed);
+    compiler_fence(Ordering::SeqCst);
+    for (kept, word) in kept.iter().zip(words) {
+        kept.store(*word, Ordering::Relaxed);
+    }
+    compiler_fence(Ordering::SeqCst);
+    place.store(sum(kept), Ordering::Relaxed);
+}
+
 /// FNV-1a by words; not that of zeros alone, which RAM may well hold.
-fn sum<const N: usize>(words: [u32; N]) -> u32 {
-    words.into_iter().fold(0x811c_9dc5, |sum, word| (sum ^ word).wrapping_mul(0x0100_0193))
+#[inline(never)]
+fn sum(words: &[AtomicU32]) -> u32 {
+    words.iter().fold(0x811c_9dc5, |sum, word| (sum ^ word.load(Ordering::Relaxed)).wrapping_mul(0x0100_0193))
 }

@@ -24,6 +24,8 @@ mod line;
 #[cfg(target_os = "none")]
 mod motors;
 #[cfg(target_os = "none")]
+mod restart;
+#[cfg(target_os = "none")]
 mod sensors;
 #[cfg(target_os = "none")]
 mod station;

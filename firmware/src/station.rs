@@ -205,7 +205,7 @@ fn set(place: usize, value: f32, store: &mut Store, parameters: &mut Parameters)
             Outcome::Stored
         }
         Err(SaveError::NeedsErase) => {
-            PENDING.keep([place as u32, value.to_bits()]);
+            PENDING.keep(&[place as u32, value.to_bits()]);
             Outcome::Restarting
         }
         Err(SaveError::Flash) => Outcome::Failed,

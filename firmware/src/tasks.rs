@@ -31,6 +31,7 @@ use crate::gnss::{GNSS, locate};
 use crate::imu::Imu;
 use crate::line;
 use crate::motors::Motors;
+use crate::restart;
 use crate::sensors::{BARO_ALTITUDE_M, BAROMETER_FOUND, MAGNETIC_UT, sense};
 use crate::station::{self, SNAPSHOT};
 use crate::usb;
@@ -92,23 +93,31 @@ pub(crate) fn start(spawner: Spawner) {
         }
     }
 
+    let before = restart::take(bitten && !browned_out);
     let reports: &'static mut Reports = singleton!(: Reports = Queue::new()).expect("start runs once");
     let (producer, consumer) = reports.split();
     // Before the watchdog runs: it may take seconds.
     let loaded = station::load(&mut store);
     // Not `expect`: printing a float in text would add 30 KB to the image.
-    let flight = flight::boot(&loaded.parameters)
+    let parameters = before.as_ref().map_or(loaded.parameters, |before| before.parameters);
+    restart::keep_parameters(&parameters);
+    let flight = flight::boot(&parameters)
         .unwrap_or_else(|e| defmt::panic!("{=str}.{=str} = {=f32} cannot fly", e.name[0], e.name[1], e.value));
     let imu = Imu::new(imu_bus, imu_select, imu_ready);
     // In its place for good: every move of it would be on the stack.
     let flight = singleton!(: Flight = flight).expect("start runs once");
-    let motors = Motors::new(motors, ear, &loaded.parameters);
+    let home = before.as_ref().and_then(|before| before.home);
+    let resumed = before.is_some_and(|before| flight.resume(before.memory, now_us()));
+    if resumed {
+        defmt::error!("it was in the air: the flight goes on");
+    }
+    let motors = Motors::new(motors, ear, &parameters);
     let valid = loaded.is_valid();
-    let control = control(flight, valid, imu, motors, watchdog, producer).expect("control is started once");
+    let control = control(flight, resumed, valid, imu, motors, watchdog, producer).expect("control is started once");
     board::start_control_executor().spawn(control);
     spawner.spawn(listen(radio).expect("listen is started once"));
     spawner.spawn(sense(sensors).expect("sense is started once"));
-    spawner.spawn(locate(gnss).expect("locate is started once"));
+    spawner.spawn(locate(gnss, home).expect("locate is started once"));
     spawner.spawn(see(vision).expect("see is started once"));
     let (say, hear) = station;
     let buffer = singleton!(: [u8; STATION_BYTES] = [0; STATION_BYTES]).expect("start runs once");
@@ -125,13 +134,14 @@ pub(crate) fn start(spawner: Spawner) {
 #[embassy_executor::task]
 async fn control(
     flight: &'static mut Flight,
+    resumed: bool,
     parameters_valid: bool,
     mut imu: Imu,
     mut motors: Motors,
     mut watchdog: Watchdog,
     mut reports: Reporter,
 ) -> ! {
-    let who = imu.start().await;
+    let who = imu.start(resumed).await;
     if who != WHO_AM_I.1 {
         defmt::error!("the inertial unit says it is {=u8:#04x}, expected {=u8:#04x}", who, WHO_AM_I.1);
     }
@@ -162,6 +172,7 @@ async fn control(
         number = number.wrapping_add(1);
         let record = Record { step: number, time_us, arrived, command };
         black_box::keep(&record);
+        restart::keep(flight, number, time_us);
         if let Some(decision) = flight.helm().decision() {
             FACTS.lock(|facts| facts.set(facts.get().and(decision)));
             if decision.refused {
@@ -201,9 +212,9 @@ async fn read(imu: &mut Imu, time_us: u64) -> Measurements {
     }
 }
 
-/// Time since boot, µs.
+/// Time since boot, or since that of a flight which went on after a reset, µs.
 pub(crate) fn now_us() -> u64 {
-    Instant::now().as_micros()
+    restart::started_us() + Instant::now().as_micros()
 }
 
 /// Sounds the buzzer.

@@ -112,9 +112,19 @@ pub struct Receiver {
 }
 
 impl Receiver {
-    /// A receiver that has said nothing.
+    /// A receiver that has said nothing; home is where its first fix is.
     pub fn new() -> Self {
-        Self { parser: Parser::new(FixedBuffer::new()), home: None, errors: 0 }
+        Self::at(None)
+    }
+
+    /// The same with a home that is known, or not.
+    pub fn at(home: Option<LocalFrame>) -> Self {
+        Self { parser: Parser::new(FixedBuffer::new()), home, errors: 0 }
+    }
+
+    /// Where home is, once it is known.
+    pub fn home(&self) -> Option<&LocalFrame> {
+        self.home.as_ref()
     }
 
     /// Takes in bytes as they come; returns the newest that they complete.

@@ -53,6 +53,8 @@ pub struct Aloft {
     pub rotor_rad_s: [f32; 4],
     /// The image's last answer.
     pub answer: Answer,
+    /// Whether rotors stop when frames cease; else they go on as they were told.
+    pub stops_unheard: bool,
 }
 
 impl Aloft {
@@ -91,6 +93,7 @@ impl Aloft {
             rotor_rad_s: [0.0; 4],
             decoder: Decoder::new(),
             answer,
+            stops_unheard: false,
         }
     }
 
@@ -163,9 +166,11 @@ impl Aloft {
         let speed = |thrust_n: f64| (thrust_n.max(0.0) / self.vehicle.thrust_coefficient_n_s2).sqrt() as f32;
         self.rotor_rad_s = self.plant.rotor_n(&self.actuation).map(speed);
         self.emulator.turn_rotors(self.rotor_rad_s);
+        let heard = self.answer.understood[0];
         self.answer = self.emulator.period().expect("the image runs");
+        let unheard = self.stops_unheard && self.answer.understood[0] == heard;
         for (drive, told) in self.actuation.drives.iter_mut().zip(self.answer.told) {
-            let speed = told.filter(|&told| told > 0).map_or(0.0, |told| {
+            let speed = told.filter(|&told| told > 0 && !unheard).map_or(0.0, |told| {
                 let [slowest, fastest] = VALUES;
                 (f64::from(told) - slowest) / (fastest - slowest)
             });

@@ -163,7 +163,7 @@ impl EstimatorState {
 }
 
 /// Whether rows are of unit length, at right angles and right-handed.
-fn is_rotation(attitude: &Attitude) -> bool {
+pub(super) fn is_rotation(attitude: &Attitude) -> bool {
     let [x, y, z] = attitude.rows.map(|[a, b, c]| Vec3::<crate::frames::Body>::new(a, b, c));
     let off = (x.cross(y) - z).norm_squared();
     let long = (x.norm_squared() - 1.0).abs().max((y.norm_squared() - 1.0).abs());

@@ -105,6 +105,9 @@ impl Feet {
     /// On the ground.
     pub const STANDING: Self = Self { contact: Contact::Standing, spooling_s: 0.0, borne_s: 0.0, jolted_s: 0.0 };
 
+    /// In the air after an interruption, in which the rotors did what nobody knows: as after a jolt.
+    pub(crate) const INTERRUPTED: Self = Self { contact: Contact::Flying, jolted_s: JOLT_S, ..Self::STANDING };
+
     /// Takes what one tick felt; returns where the machine is.
     pub fn step(&mut self, felt: &Felt, dt_s: f32) -> Contact {
         // A value that is not a number bears nothing.

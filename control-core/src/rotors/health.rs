@@ -23,6 +23,7 @@ use crate::airframe::Airframe;
 use crate::config::{ConfigError, positive};
 use crate::filter::LowPass;
 use crate::math::tanh;
+use crate::restart::Tape;
 use crate::{Mask, Scalar};
 use core::ops::Range;
 
@@ -134,6 +135,22 @@ impl<S: Scalar> HealthState<S> {
     /// Share of its thrust that rotor `j` is believed to make; none of a stuck one follows its command.
     pub(super) fn share(&self, j: usize) -> S {
         if self.is_stuck(j) { S::ZERO } else { self.suspects[ALL].factor * self.suspects[j].factor }
+    }
+}
+
+impl HealthState<f32> {
+    /// What was found.
+    pub(super) fn pass(&mut self, tape: &mut Tape) {
+        let mut found = self.suspects.map(|suspect| suspect.found);
+        tape.bits(found.each_mut());
+        for (suspect, found) in self.suspects.iter_mut().zip(found) {
+            let mut factor = suspect.factor;
+            tape.float(&mut factor);
+            if found && !suspect.found {
+                *suspect = Suspect::known(factor);
+            }
+        }
+        self.found = self.suspects.iter().filter(|suspect| suspect.found).count();
     }
 }
 

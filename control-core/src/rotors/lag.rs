@@ -35,6 +35,11 @@ impl<S: Scalar> Lag<S> {
         Self { constant_s: lag_s.to_sum(), information: S::ZERO.to_sum(), once: [S::ZERO; 2], twice: [S::ZERO; 2] }
     }
 
+    /// τ̂, to be kept.
+    pub(super) fn constant_mut(&mut self) -> &mut S::Sum {
+        &mut self.constant_s
+    }
+
     pub(super) fn lag_s(&self) -> S {
         S::from_sum(self.constant_s)
     }

@@ -140,6 +140,11 @@ impl<S: Scalar> Suspect<S> {
         Self { found: true, age_s, risen, lead_nats, ..Self::innocent() }
     }
 
+    /// One that was found before the program was stopped: followed slowly from where it was.
+    pub(super) fn known(factor: S) -> Self {
+        Self { found: true, risen: S::ONE, factor, fresh_s: S::ZERO, ..Self::innocent() }
+    }
+
     pub(super) fn innocent() -> Self {
         Self {
             nats: S::ZERO,

@@ -48,7 +48,7 @@ pub(crate) use chosen::{
 };
 
 /// Time without a step that was done in time after which the watchdog resets the chip, µs.
-const WATCHDOG_US: u32 = 20_000;
+pub(crate) const WATCHDOG_US: u32 = 20_000;
 /// Speed of the station's line, bits a second.
 const STATION_BAUD: u32 = 115_200;
 /// Speed of the slow sensors' bus, bits a second.
