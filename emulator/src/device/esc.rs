@@ -207,7 +207,7 @@ mod tests {
         let seen = (0..21).fold(0, |seen, n| seen << 1 | u32::from(esc.level(begins + n * bit) == Some(true)));
         // 600 µs: 0x32c2, as 10011 10010 11110 10010.
         assert_eq!(told(1_496.0), 0x32c);
-        assert_eq!(seen, 0b0_11101_11100_10100_11100);
+        assert_eq!(seen, 0b0_11101_00011_01011_00011);
         esc.telemetry = Telemetry::Silent;
         send(&mut esc, 0x82c9, 60_000, true);
         assert!((60_000..100_000).all(|now| esc.level(now).is_none()));
