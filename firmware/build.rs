@@ -9,8 +9,7 @@ fn main() -> io::Result<()> {
     } else if chosen("FOXEER_F722_V4") {
         "memory_f722.x"
     } else {
-        // The default board's is where people look for it.
-        "../memory.x"
+        "memory_f405.x"
     };
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rerun-if-changed={memory}");
@@ -18,7 +17,8 @@ fn main() -> io::Result<()> {
         return Ok(());
     }
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
-    fs::copy(memory, out.join("memory.x"))?;
+    // `link.x` includes `memory.x`, the one in the root whatever else is on the path, and that this.
+    fs::copy(memory, out.join("board.x"))?;
     println!("cargo:rustc-link-search={}", out.display());
     // `--nmagic`: flash sections are not page-aligned. `link.x`: vector table. `defmt.x`: log strings.
     for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {

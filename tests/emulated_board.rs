@@ -361,7 +361,7 @@ fn a_supply_that_drops_stops_the_motors_and_is_told_of() {
 }
 
 /// What became of the rotors' speeds.
-struct Told {
+struct Speeds {
     /// Largest error of each rotor's, rad/s, while it turned evenly.
     off_rad_s: [f32; 4],
     /// Steps in which it was told a speed above 0, and in which the image was told anything.
@@ -374,9 +374,9 @@ struct Told {
 
 /// Armed on the ground, rotors idling, and from then on speed controllers that answer like this, for long enough that a whole second of it is
 /// logged; all but the first second counts.
-fn idling_with(telemetry: [Telemetry; 4]) -> Told {
+fn idling_with(telemetry: [Telemetry; 4]) -> Speeds {
     let mut aloft = Aloft::on_the_ground();
-    let mut told = Told { off_rad_s: [0.0; 4], turning: [0; 4], told: 0, stood: 0, log: String::new() };
+    let mut told = Speeds { off_rad_s: [0.0; 4], turning: [0; 4], told: 0, stood: 0, log: String::new() };
     while aloft.time_s() < 9.8 {
         if aloft.time_s() == 7.0 {
             (0..).zip(telemetry).for_each(|(motor, telemetry)| aloft.set_telemetry(motor, telemetry));
@@ -414,7 +414,7 @@ const COUNTED: u32 = 9 * SAMPLE_HZ / 5;
 
 #[test]
 fn rotor_speeds_are_told_by_every_speed_controller_to_every_frame() {
-    let Told { off_rad_s, turning, told, stood, log } = idling_with([Telemetry::Well; 4]);
+    let Speeds { off_rad_s, turning, told, stood, log } = idling_with([Telemetry::Well; 4]);
     assert!(told >= COUNTED - 1 && turning == [told; 4], "{turning:?} of {told}");
     // Steps of its period of 1 in 256 at the coarsest.
     assert!(off_rad_s.iter().all(|&off| off < 0.5), "{off_rad_s:?}");
@@ -426,7 +426,7 @@ fn a_speed_controller_that_falls_silent_costs_its_own_speed_and_one_that_garbles
     for lost in [Telemetry::Silent, Telemetry::Garbled] {
         let mut telemetry = [Telemetry::Well; 4];
         telemetry[2] = lost;
-        let Told { turning, told, stood, log, .. } = idling_with(telemetry);
+        let Speeds { turning, told, stood, log, .. } = idling_with(telemetry);
         assert!(told >= COUNTED - 1, "{told}");
         assert_eq!(turning, [told, told, 0, told], "{lost:?}: after a tenth of a second it is as if it stood");
         assert_eq!(stood, 0, "the motors turn on");
@@ -439,7 +439,7 @@ fn a_speed_controller_that_falls_silent_costs_its_own_speed_and_one_that_garbles
 #[test]
 fn all_speed_controllers_silent_cost_the_notches_and_the_motors_turn_on() {
     for lost in [Telemetry::Silent, Telemetry::Garbled] {
-        let Told { told, stood, log, .. } = idling_with([lost; 4]);
+        let Speeds { told, stood, log, .. } = idling_with([lost; 4]);
         assert_eq!((told, stood), (0, 0), "{lost:?}");
         for motor in 1..=4 {
             assert!(log.contains(&format!("motor {motor}: of 2000 frames 0 were answered")), "{log}");

@@ -103,7 +103,7 @@ impl Motors {
             let rotor_rad_s = tachometer.hear(answers?, before_us)?;
             Some(Stamped { time_us: before_us, value: rotor_rad_s })
         };
-        (_, self.rotor_rad_s) = join(pins.send(values, dialogue), listen).await;
+        ((), self.rotor_rad_s) = join(pins.send(values, dialogue), listen).await;
         self.asked_us = now_us;
         if let Some(ear) = ear {
             ear.open();

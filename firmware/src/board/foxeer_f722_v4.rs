@@ -64,6 +64,8 @@ use crate::motors::Protocol;
 
 /// The board's name, for the log.
 pub(crate) const NAME: &str = "Foxeer F722 V4";
+/// Whether the station may come by USB: its 25 kB are more than the flash has beside the parameters' half.
+pub(crate) const SERVES_USB: bool = false;
 /// What the speed controllers are sent.
 pub(crate) const PROTOCOL: Protocol = Protocol::DShot600;
 /// Battery voltage over pin voltage.

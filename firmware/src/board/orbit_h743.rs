@@ -65,6 +65,8 @@ use crate::motors::Protocol;
 
 /// The board's name, for the log.
 pub(crate) const NAME: &str = "Orbit H743";
+/// Whether the station may come by USB.
+pub(crate) const SERVES_USB: bool = true;
 /// What the speed controllers are sent.
 pub(crate) const PROTOCOL: Protocol = Protocol::DShot600;
 /// Battery voltage over pin voltage.
