@@ -47,6 +47,11 @@ impl<F: Copy, S: Scalar> Vec3<F, S> {
         Self::new(S::ZERO, S::ZERO, S::ZERO)
     }
 
+    /// Dot product.
+    pub fn dot(self, other: Self) -> S {
+        self.x * other.x + self.y * other.y + self.z * other.z
+    }
+
     /// Cross product, right-handed.
     pub fn cross(self, other: Self) -> Self {
         Self::new(

@@ -5,12 +5,15 @@
 //! lately ← lately + off / 50
 //!
 //! jump:  |off|²    > JUMP² + TOLERANCE² |turn|²    at fault is the one that is farther from the last sample that was believed
+//! late:  after a jump of the spare by j from the last believed, the one in use does the same within LATE_US:   moved · j > 0.8 |j|²
 //! drift: |lately|² > DRIFT² + TOLERANCE² |turn|²   at fault is the one in use, if its estimated bias b has followed:
 //!                                                   (b − b₀) · (−lately) > ½ |lately|², b₀ the bias when they last agreed
 //! ```
 //!
 //! Where a fault of the spare leaves b at b₀ and one of the unit in use draws it to −lately, half way is the fair division. So that b can follow
-//! a drift, its variance is raised by DRIFT² at once and by a quarter of that a second; it is judged when |lately| is four standard deviations of b along it.
+//! a drift, its variance is raised by DRIFT² at once and by a quarter of that a second; it is judged when |lately| is five standard deviations of b along it.
+//!
+//! A gyro that says late what the other has said before looks at first as if the other jumped; then it follows, which no jump makes it do.
 //!
 //! The thresholds are far above what healthy units differ by. Gyro, rad/s: noise 0.002, vibration and samples that are 1 ms apart in a
 //! rotor's fault (100 rad/s²) 0.1. Accelerometer, m/s²: noise 0.02, units 2 cm apart at 100 rad/s² 2. Bias does not count, and may move by a
@@ -32,8 +35,11 @@ const TOLERANCE: [f32; 2] = [0.03, 0.03];
 /// What a difference is believed of each sample, and most samples that it is the mean of.
 const LATELY: f32 = 0.02;
 const LEARNT_MAX: u16 = 10_000;
-/// Standard deviations of the bias that a drift must have grown to before it is judged: half of it is then two.
-const SURE: f32 = 4.0;
+/// Standard deviations of the bias that a drift must have grown to before it is judged: half of it is then two and a half.
+const SURE: f32 = 5.0;
+/// How late a gyro is to be found out to be, µs, and the share of a jump that it must make by then.
+const LATE_US: u64 = 60_000;
+const FOLLOWED: f32 = 0.8;
 /// How long the one at fault must agree, µs.
 const PAROLE_US: u64 = 1_000_000;
 
@@ -56,6 +62,8 @@ pub(super) struct Units {
     learnt: u16,
     /// When they last differed, µs.
     differed_us: u64,
+    /// Where the spare's gyro jumped from, how far, and when, until it is known whether that in use follows.
+    jumped: Option<(Vec3<Body>, Vec3<Body>, u64)>,
     /// The half in which a drift is looked for.
     doubted: Option<usize>,
     /// Whether a drift of the unit in use has been found.
@@ -94,6 +102,7 @@ impl Units {
         calm: [Vec3::zero(); 2],
         learnt: 0,
         differed_us: 0,
+        jumped: None,
         doubted: None,
         found: false,
     };
@@ -116,7 +125,7 @@ impl Units {
         let [jumped, drifted] =
             [(off, JUMP), (self.lately, DRIFT)].map(|(off, limits)| beyond(off, limits, turn_squared));
         let beyond_any = |ratios: [f32; 2]| ratios.iter().any(|ratio| *ratio > 1.0);
-        let mut at_fault = self.found;
+        let mut at_fault = self.found || self.is_late(used[0], now_us);
         if beyond_any(jumped) || beyond_any(drifted) {
             self.differed_us = now_us;
             if !self.apart {
@@ -124,7 +133,11 @@ impl Units {
                 if beyond_any(jumped) {
                     let i = usize::from(jumped[1] > jumped[0]);
                     let left = |x: Halves| (x[i] - self.last[i]).norm_squared();
-                    at_fault = left(used) > left(difference(spare, self.above));
+                    let spare = difference(spare, self.above);
+                    at_fault = left(used) > left(spare);
+                    if i == 0 && !at_fault {
+                        self.jumped = Some((self.last[0], spare[0] - self.last[0], now_us));
+                    }
                 } else {
                     let i = usize::from(drifted[1] > drifted[0]);
                     self.doubted = Some(i);
@@ -140,6 +153,16 @@ impl Units {
             self.calm = [filter.nominal.gyro_bias_rad_s, filter.nominal.accelerometer_bias_m_s2];
         }
         at_fault
+    }
+
+    /// Whether the gyro in use now says what the spare's said before, when it seemed to jump.
+    fn is_late(&mut self, used_rad_s: Vec3<Body>, now_us: u64) -> bool {
+        let Some((from, by, since_us)) = self.jumped else { return false };
+        let follows = (used_rad_s - from).dot(by) > FOLLOWED * by.norm_squared();
+        if follows || now_us.saturating_sub(since_us) > LATE_US {
+            self.jumped = None;
+        }
+        follows
     }
 
     /// Keeps the sample that is gone by.
@@ -158,7 +181,7 @@ impl Units {
         self.above = self.above.map(|above| -above);
         self.lately = self.lately.map(|lately| -lately);
         self.on_second = !self.on_second;
-        (self.doubted, self.found) = (None, false);
+        (self.jumped, self.doubted, self.found) = (None, None, false);
     }
 
     /// While a drift is looked for: lets the biases follow it, and finds the unit in use at fault where they have.
@@ -234,6 +257,25 @@ mod tests {
             let mut units = agreed(&mut filter);
             assert_eq!(units.compare(&used, &spare, &mut filter, 2_000_000), at_fault, "{what}");
             assert!(units.apart, "{what}");
+        }
+    }
+
+    #[test]
+    fn of_two_gyros_the_one_that_says_late_what_the_other_has_said_is_at_fault() {
+        const LATE_MS: u64 = 20;
+        // The body speeds up at 30 rad/s² from 2 s on.
+        let rate = |ms: u64| 0.1 + 0.03 * ms.saturating_sub(2_000).min(100) as f32;
+        for (used_late_ms, spare_late_ms, at_fault) in [(LATE_MS, 0, true), (0, LATE_MS, false)] {
+            let mut filter = filter();
+            let mut units = agreed(&mut filter);
+            let changes = (2_000..2_200).find(|&ms| {
+                let used = imu(rate(ms - used_late_ms), 0.0);
+                let at_fault = units.compare(&used, &imu(rate(ms - spare_late_ms) + 0.02, 0.3), &mut filter, 1000 * ms);
+                units.believe(&used);
+                at_fault
+            });
+            assert_eq!(changes.is_some(), at_fault, "{changes:?}");
+            assert!(units.apart && changes.is_none_or(|ms| ms < 2_050), "{changes:?}");
         }
     }
 
