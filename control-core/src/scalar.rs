@@ -167,5 +167,5 @@ macro_rules! float_scalar {
     };
 }
 
-float_scalar!(f32, libm::sqrtf);
+float_scalar!(f32, crate::math::root);
 float_scalar!(f64, libm::sqrt);
