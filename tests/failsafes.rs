@@ -46,7 +46,12 @@ fn every_failsafe_is_flown_to_its_reaction() {
         let after_s = f64::from(row.after_s);
         assert!((after_s - 0.01..after_s + before_s).contains(&acts_s), "{}: {acts_s} s", row.name);
         match row.reaction {
-            Reaction::Terminate => assert!(!noticed.armed && noticed.motors == [0.0; 4], "{}", row.name),
+            Reaction::Terminate => {
+                assert!(!noticed.armed, "{}", row.name);
+                // At the next sample.
+                rig.fly(0.002);
+                assert_eq!(rig.command().motors, [0.0; 4], "{}", row.name);
+            }
             Reaction::FallBack => assert!(noticed.mode != noticed.aim && noticed.armed, "{}", row.name),
             Reaction::Hold => {
                 assert_eq!(noticed.mode, Mode::PositionHold, "{}", row.name);

@@ -251,7 +251,7 @@ fn the_bench_turns_rotors_and_finds_their_order() {
         }
         assert!(truth.touching && !command.armed);
     });
-    assert_eq!(turned, [Some(0), None, Some(1), None, Some(2), None, Some(3), None]);
+    assert_eq!(turned, [None, Some(0), None, Some(1), None, Some(2), None, Some(3), None]);
     assert!(rig.command().failing.iter().eq([Check::Motors]));
     assert_eq!(rig.state.bench(), None, "it is over");
     assert!(rig.autopilot.order(&mut rig.state, &all));

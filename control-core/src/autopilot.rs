@@ -1,13 +1,15 @@
-//! The autopilot: one step from estimate and pilot to motor commands.
+//! The autopilot: from estimate and pilot to motor commands.
 //!
 //! ```text
-//! estimate ─► level ─┐                        ┌─► contact ─┐
-//! pilot ─────────────┼─► failsafes ─► arming ─► modes ─► guide ─► controller ─► motors, 0 to 1
-//! system ────────────┘
+//! act      estimate, plan ─► controller ─► motors, 0 to 1
+//! decide   estimate ─► level ─┐                        ┌─► contact ─┐
+//!          pilot ─────────────┼─► failsafes ─► arming ─► modes ─► guide ─► plan
+//!          system ────────────┘
 //! ```
 //!
-//! An [`Autopilot`] is immutable; what changes in flight is in [`AutopilotState`]. The steps are functions over facts, each
-//! in its own module; this one gathers the facts and passes the results on.
+//! The motors are told first, by what was planned at the sample before; then there is time to decide what is planned for the next. An
+//! [`Autopilot`] is immutable; what changes in flight is in [`AutopilotState`]. The steps are functions over facts, each in its own
+//! module; this one gathers the facts and passes the results on.
 //!
 //! Invariants: every command is within 0 and 1 whatever comes in; every one is 0 while disarmed, but for a test on the bench.
 use crate::arming::{self, Arming, Check, Moment};
@@ -21,9 +23,10 @@ use crate::parameters::{Parameter, Parameters};
 use crate::pilot::{Pilot, Reading, Shape};
 use crate::restart::Tape;
 use crate::set::Set;
-use crate::{Airframe, Config, ConfigError, Regulators, WiringFault};
+use crate::{Airframe, Config, ConfigError, Output, Regulators, WiringFault};
 use bench::Bench;
-use signals::{believed, sample};
+use core::hint::cold_path;
+use signals::{Acted, Plan, believed, sample};
 
 mod bench;
 mod signals;
@@ -48,8 +51,8 @@ pub struct AutopilotState {
     guide: Guide,
     bench: Bench,
     wiring: Option<Result<(), WiringFault>>,
-    /// Thrusts of the last step, N.
-    thrust_n: [f32; 4],
+    plan: Plan,
+    acted: Acted,
 }
 
 impl AutopilotState {
@@ -218,7 +221,8 @@ impl Autopilot {
             guide: Guide::AT_REST,
             bench: Bench::Nothing,
             wiring: None,
-            thrust_n: [0.0; 4],
+            plan: Plan::Turn([0.0; 4]),
+            acted: Acted::NOTHING,
         }
     }
 
@@ -227,9 +231,38 @@ impl Autopilot {
         &self.controller
     }
 
-    /// Decides what the motors do until the next step.
+    /// [`Self::act`], then [`Self::decide`].
     pub fn step(&self, state: &mut AutopilotState, step: &Step) -> Command {
-        let dt_s = if step.dt_s > 0.0 { step.dt_s.min(STEP_S_MAX) } else { self.nominal_s };
+        self.act(state, step.estimate, step.dt_s);
+        self.decide(state, step)
+    }
+
+    /// What the motors do until the next sample, each a share of its largest thrust, by what was planned; and nothing that can wait until
+    /// they are told.
+    ///
+    /// - `dt_s`: time since the last sample.
+    pub fn act(&self, state: &mut AutopilotState, estimate: &Estimate, dt_s: f32) -> [f32; 4] {
+        state.acted = match state.plan {
+            Plan::Turn(motors) => Acted { motors, ..Acted::NOTHING },
+            Plan::Fly(ref target, level) => {
+                let input = sample(estimate, level, self.lasted_s(dt_s), target.setpoint());
+                let Output { thrust_n, rejected } = self.controller.act_toward(&mut state.controller, &input, target);
+                Acted { motors: self.shares(&thrust_n), thrust_n, rejected }
+            }
+        };
+        state.acted.motors
+    }
+
+    /// A step's time that can be true, s.
+    fn lasted_s(&self, dt_s: f32) -> f32 {
+        let sane_s = if dt_s > 0.0 { dt_s } else { self.nominal_s };
+        if sane_s < STEP_S_MAX { sane_s } else { STEP_S_MAX }
+    }
+
+    /// Learns from what was felt, and plans what the motors do at the next sample; to be called once after each [`Self::act`].
+    pub fn decide(&self, state: &mut AutopilotState, step: &Step) -> Command {
+        self.controller.reflect(&mut state.controller);
+        let dt_s = self.lasted_s(step.dt_s);
         let level = state.trust.step(Level::of(&believed(step.estimate)), dt_s);
         let pilot = state.pilot.read(&self.shape, step.pilot, step.now_us);
         let cell_v = step.system.battery_v.filter(|_| self.cells > 0.0).map(|v| v / self.cells);
@@ -241,19 +274,7 @@ impl Autopilot {
         state.take_aim(&pilot, failsafes);
         let (mode, lacks) = state.aim.flown(level);
 
-        let mut command = Command {
-            motors: [0.0; 4],
-            armed,
-            aim: state.aim,
-            mode,
-            reason: lacks.or(state.reason),
-            failsafes,
-            failing,
-            refused,
-            landed: state.landed,
-            rejected: false,
-        };
-        if armed {
+        let landed = if armed {
             let offboard = step.offboard.filter(|_| step.offboard_age_s() <= self.failsafe.offboard_s);
             let scene = Scene {
                 estimate: step.estimate,
@@ -263,20 +284,28 @@ impl Autopilot {
                 offboard: offboard.map(|setpoint| &setpoint.value),
                 dt_s,
             };
-            command.landed = self.touch(state, mode, &scene);
-            let target = self.target(state, mode, &scene, command.landed);
+            let landed = self.touch(state, mode, &scene);
+            let target = self.target(state, mode, &scene, landed);
             self.controller.brace(&mut state.controller, state.feet.suspects());
-            let input = sample(step.estimate, level, dt_s);
-            let output = self.controller.tick_toward(&mut state.controller, &input, &target);
-            state.thrust_n = output.thrust_n;
-            command.rejected = output.rejected;
-            command.motors = self.shares(&output.thrust_n);
+            state.plan = Plan::Fly(target, level);
+            landed
         } else {
             (state.feet, state.landed, state.guide) = (Feet::STANDING, true, Guide::AT_REST);
-            command.landed = true;
-            command.motors = self.run_bench(state, step.estimate, dt_s);
+            state.plan = Plan::Turn(self.run_bench(state, step.estimate, dt_s));
+            true
+        };
+        Command {
+            motors: state.acted.motors,
+            armed,
+            aim: state.aim,
+            mode,
+            reason: lacks.or(state.reason),
+            failsafes,
+            failing,
+            refused,
+            landed,
+            rejected: state.acted.rejected,
         }
-        command
     }
 
     /// The failsafes that act; none while disarmed.
@@ -342,7 +371,7 @@ impl Autopilot {
     /// Whether the machine stands on its feet, by what it wants and feels.
     fn touch(&self, state: &mut AutopilotState, mode: Mode, scene: &Scene) -> bool {
         let shares = state.controller.shares();
-        let made_n: f32 = state.thrust_n.iter().zip(shares).map(|(n, share)| n * share).sum();
+        let made_n: f32 = state.acted.thrust_n.iter().zip(shares).map(|(n, share)| n * share).sum();
         let thrust_low = scene.pilot.sticks.throttle <= arming::THROTTLE_LOW;
         let lift = match mode {
             Mode::Disarmed | Mode::Return | Mode::Land | Mode::Descend => false,
@@ -384,5 +413,9 @@ impl Autopilot {
 
 /// `x` within 0 and 1; 0 if it is not a number.
 fn unit(x: f32) -> f32 {
-    if x > 0.0 { x.min(1.0) } else { 0.0 }
+    if (0.0..=1.0).contains(&x) {
+        return x;
+    }
+    cold_path();
+    if x > 1.0 { 1.0 } else { 0.0 }
 }

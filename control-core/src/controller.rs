@@ -23,6 +23,7 @@ use crate::signals::{Input, Output, Telemetry};
 use crate::spin::Regulators;
 use crate::yaw_guard::YawGuard;
 use crate::{GRAVITY_M_S2, Mask, Scalar};
+use cascade::Taught;
 
 mod cascade;
 mod manual;
@@ -38,6 +39,8 @@ pub struct State<S: Scalar = f32> {
     turn: usize,
     /// How long the last ticks were, one in each turn.
     ticks_s: [S; AXES],
+    /// What an axis is to learn from the last tick, until it is reflected on.
+    taught: Option<Taught<S>>,
     tilt_integrals: [S::Sum; 2],
     rotors: RotorsState<S>,
     guard: YawGuard<S>,
@@ -195,6 +198,7 @@ impl<S: Scalar> Controller<S> {
             axes: [x.state(S::ZERO), y.state(S::ZERO), z.state(carried_n), psi.state(S::ZERO)],
             turn: 0,
             ticks_s: [S::ZERO; AXES],
+            taught: None,
             tilt_integrals: [S::ZERO.to_sum(); 2],
             rotors: RotorsState::new(self.weight_n * S::from_f32(0.25), self.rotors.as_ref()),
             guard: YawGuard::new(),
@@ -234,14 +238,21 @@ impl<S: Scalar> Controller<S> {
         state.rotors.borne = borne;
     }
 
-    /// Runs the whole controller once.
+    /// Runs the whole controller once: [`Self::act`], then [`Self::reflect`].
+    pub fn tick<'a>(&self, state: &'a mut State<S>, input: &Input<S>) -> &'a Output<S> {
+        self.act(state, input);
+        self.reflect(state);
+        &state.output
+    }
+
+    /// From the sample to the thrusts, and nothing that can wait until the motors have them.
     ///
     /// - `state`: of this controller, from [`Self::hover_state`] or the last tick.
     /// - Returns the thrusts, which live in the state until the next tick; see [`Self::telemetry`] for the rest.
     ///
     /// A sample that is not plausible leaves the state and the thrusts as they were and sets [`Output::rejected`].
     /// A vector of flights is held as one: whoever batches them takes a flight that is lost out of the batch.
-    pub fn tick<'a>(&self, state: &'a mut State<S>, input: &Input<S>) -> &'a Output<S> {
+    pub fn act<'a>(&self, state: &'a mut State<S>, input: &Input<S>) -> &'a Output<S> {
         let angles = Angles::of(&input.attitude);
         let mut errors = Errors::of(input, &angles);
         state.output.rejected = !errors.are_plausible(input).all();
@@ -251,13 +262,20 @@ impl<S: Scalar> Controller<S> {
         &state.output
     }
 
+    /// Learns from what the last sample felt, for the next; to be called once after each.
+    pub fn reflect(&self, state: &mut State<S>) {
+        if let Some(rotors) = &self.rotors {
+            self.reflect_watching(rotors, state);
+        }
+    }
+
     fn advance(&self, state: &mut State<S>, input: &Input<S>, angles: &Angles<S>, errors: &mut Errors<S>) {
         let dt_s = input.dt_s.clamp(self.dt_s_range.0, self.dt_s_range.1);
         if let Some(rotors) = &self.rotors {
             self.advance_watching(rotors, state, input, angles, errors, dt_s);
             return;
         }
-        let wanted = self.wanted(state, input.rate_rad_s, angles, errors, dt_s);
+        let wanted = self.wanted::<false>(state, input.rate_rad_s, angles, errors, dt_s);
         let coupling = self.coupling.torque_nm(input.rate_rad_s);
         state.take(self.allocator.allocate(&wanted.with_torque(coupling)));
     }

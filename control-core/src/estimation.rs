@@ -18,7 +18,7 @@
 //! Elsewhere: `phases.rs` from rest to the filter to fixed gains and back, `strapdown.rs` dead reckoning, `covariance.rs` the matrix, `history.rs` delays, `observe.rs` the models, `fusing.rs` what is done
 //! with each source, `sources.rs` what is let in, `rivals.rs` satellites against flow, `units.rs` one inertial unit against the other, `gyro.rs` the filters of the rates. docs/estimation.md has the equations and figures.
 use crate::estimate::{Estimate, Health, Sigma};
-use crate::frames::{Attitude, Vec3};
+use crate::frames::{Attitude, Body, Vec3};
 use crate::measurement::{Imu, Measurements, Stamped};
 use crate::restart::Tape;
 use crate::{GRAVITY_M_S2, Scalar};
@@ -105,6 +105,16 @@ struct Aided {
     seen_us: u64,
 }
 
+/// An inertial sample that was gone by.
+#[derive(Clone, Copy, Debug)]
+struct Due {
+    imu: Stamped<Imu>,
+    /// Its rates, less their bias where it is known.
+    rate_rad_s: Vec3<Body>,
+    /// How long it lasted, s.
+    dt_s: f32,
+}
+
 /// Everything that changes in flight.
 #[derive(Clone, Copy, Debug)]
 pub struct EstimatorState {
@@ -128,6 +138,8 @@ pub struct EstimatorState {
     stepped_us: u64,
     /// What of the present step no sample covered, s.
     gap_s: f32,
+    /// The last sample, until it is settled.
+    due: Option<Due>,
     fallen_s: f32,
     /// When the range last agreed with the ground, µs.
     ranged_us: u64,
@@ -228,6 +240,7 @@ impl Estimator {
             time_us: 0,
             stepped_us: 0,
             gap_s: 0.0,
+            due: None,
             fallen_s: 0.0,
             ranged_us: 0,
             large_last: false,
@@ -328,69 +341,74 @@ impl Estimator {
         }
     }
 
-    /// Takes in everything that arrived since the last step.
+    /// Takes in everything that arrived since the last step: [`Self::sample`], then [`Self::settle`].
     ///
     /// - `now_us`: the present, of the clock of the time stamps. Call it once an inertial sample; more or less often is borne.
     /// - Returns the estimate, which lives in the state until the next step.
     pub fn step<'a>(&self, state: &'a mut EstimatorState, measurements: &Measurements, now_us: u64) -> &'a Estimate {
-        self.admit(state, measurements, now_us);
-        let before = (state.stepped_us, state.phase);
-        let inertial = state.admit_inertial(measurements, now_us);
-        if let Some(imu) = inertial {
+        self.sample(state, measurements, now_us);
+        self.settle(state, measurements, now_us)
+    }
+
+    /// Goes on by the inertial sample, and nothing that can wait until the motors are told.
+    ///
+    /// - `now_us`: as for [`Self::step`].
+    /// - Returns the motion as it is believed from this sample alone; uncertainty and health are the last step's.
+    pub fn sample<'a>(&self, state: &'a mut EstimatorState, measurements: &Measurements, now_us: u64) -> &'a Estimate {
+        state.due = None;
+        if let Some(imu) = state.admit_inertial(measurements, now_us) {
             let dt_s = state.lasted_s(imu, &self.config);
-            match state.phase {
-                Phase::Aligning => self.align(state, imu, dt_s, now_us),
-                Phase::Running | Phase::FallenBack => self.reckon(state, imu, dt_s, now_us),
-            }
+            let raw = imu.value;
+            let (rate_rad_s, force_m_s2) = if state.phase == Phase::Aligning {
+                (raw.rate_rad_s, raw.specific_force_m_s2)
+            } else {
+                let unbiased = state.filter.unbiased(&raw);
+                state.reckon(unbiased, dt_s);
+                unbiased
+            };
+            let filtered_rad_s = self.chain.step(&mut state.gyro, rate_rad_s, now_us);
+            state.fill_fast(imu.time_us, force_m_s2, filtered_rad_s);
+            state.due = Some(Due { imu: *imu, rate_rad_s, dt_s });
             state.time_us = imu.time_us;
-        }
-        // Between two steps of the covariance nothing changes of it but that samples fail to come.
-        if inertial.is_none() || before != (state.stepped_us, state.phase) {
-            self.judge(state, now_us);
         }
         &state.estimate
     }
 
-    /// The fast path, and every 4 ms what hangs on it.
-    fn reckon(&self, state: &mut EstimatorState, imu: &Stamped<Imu>, dt_s: f32, now_us: u64) {
-        let (rate_rad_s, force_m_s2) = state.filter.unbiased(&imu.value);
-        if dt_s > PIECE_S {
-            state.gap_s += dt_s - PIECE_S;
-            let mut left_s = dt_s.min(GAP_S_MAX);
-            while left_s > PIECE_S {
-                state.filter.advance(rate_rad_s, force_m_s2, PIECE_S);
-                left_s -= PIECE_S;
-            }
-            state.filter.advance(rate_rad_s, force_m_s2, left_s);
-        } else {
-            state.filter.advance(rate_rad_s, force_m_s2, dt_s);
-        }
-        if dt_s > GAP_S_MAX {
-            self.fall_back(state);
-        }
-        if imu.time_us.saturating_sub(state.stepped_us) + EARLY_US >= STEP_US {
-            state.stepped_us = imu.time_us;
-            let span = state.filter.close_step(imu.time_us);
+    /// Takes in the rest of what arrived, and does what every 4 ms hangs on the samples; to be called once after each.
+    pub fn settle<'a>(&self, state: &'a mut EstimatorState, measurements: &Measurements, now_us: u64) -> &'a Estimate {
+        self.admit(state, measurements, now_us);
+        let before = (state.stepped_us, state.phase);
+        let due = state.due.take();
+        if let Some(due) = &due {
             match state.phase {
-                Phase::Running => {
-                    state.filter.predict(&self.config, &span, rate_rad_s, state.gap_s);
-                    state.units.doubt(&mut state.filter, span.length_s);
-                    self.fuse_pending(state, imu.time_us);
-                }
-                _ => self.follow(state, imu.time_us, span.length_s),
+                Phase::Aligning => self.align(state, due),
+                Phase::Running | Phase::FallenBack => self.correct(state, due),
             }
-            state.gap_s = 0.0;
-            if !state.filter.is_sound() {
-                self.fall_back(state);
-            }
-            state.fill_slow();
         }
-        let filtered_rad_s = self.chain.step(&mut state.gyro, rate_rad_s, now_us);
-        state.fill_fast(imu.time_us, force_m_s2, filtered_rad_s);
+        // Between two steps of the covariance nothing changes of it but that samples fail to come.
+        if due.is_none() || before != (state.stepped_us, state.phase) {
+            self.judge(state, now_us);
+        }
+        &state.estimate
     }
 }
 
 impl EstimatorState {
+    /// Dead reckoning by one sample.
+    fn reckon(&mut self, (rate_rad_s, force_m_s2): (Vec3<Body>, Vec3<Body>), dt_s: f32) {
+        if dt_s <= PIECE_S {
+            self.filter.advance(rate_rad_s, force_m_s2, dt_s);
+            return;
+        }
+        self.gap_s += dt_s - PIECE_S;
+        let mut left_s = dt_s.min(GAP_S_MAX);
+        while left_s > PIECE_S {
+            self.filter.advance(rate_rad_s, force_m_s2, PIECE_S);
+            left_s -= PIECE_S;
+        }
+        self.filter.advance(rate_rad_s, force_m_s2, left_s);
+    }
+
     /// How long a sample lasted, s.
     fn lasted_s(&self, imu: &Stamped<Imu>, config: &EstimatorConfig) -> f32 {
         if self.time_us == 0 {

@@ -1,12 +1,12 @@
 //! Flight: what a control loop calls between reading and writing. The same on the board, in simulation and in replay.
 //!
 //! ```text
-//!             every inertial sample
-//! measurements ─► Estimator ─► estimate ─► Helm: Autopilot ─► Command
-//! pilot, companion, system ─────────────────┘
+//!  act       inertial sample ─► Estimator::sample ─► estimate ─► Helm::act ─► Command ─► motors
+//!                                    ▲ corrections                  ▲ plan
+//!  decide    all that arrived ─► Estimator::settle ─► estimate ─► Helm::decide ◄─ pilot, companion, system
 //! ```
 //!
-//! Nothing is decided here: the estimator and the autopilot decide. What arrives slowly is kept until the next of its kind. A
+//! The motors are told before anything is done that can wait: corrections, decisions and what is learnt serve the next sample. Nothing is decided here: the estimator and the autopilot decide. What arrives slowly is kept until the next of its kind. A
 //! command is a share of the largest thrust; a speed controller turns its rotor in proportion to what it is told, and thrust
 //! grows with the square of the speed, so the share of the speed is its root.
 //!
@@ -121,10 +121,17 @@ impl Flight {
         Ok(Self { compass: Compass::of(parameters), state: estimator.state(), estimator, helm, resumed_us: 0 })
     }
 
-    /// Decides what the motors do; to be called once an inertial sample, or when one is missed.
+    /// What the motors do; to be called once an inertial sample, or when one is missed. Nothing that can wait until they are told is
+    /// done here, but in [`Self::decide`].
     ///
     /// - `now_us`: µs since boot.
-    pub fn step(&mut self, now_us: u64, arrived: &Arrived) -> Command {
+    pub fn act(&mut self, now_us: u64, arrived: &Arrived) -> Command {
+        let estimate = self.estimator.sample(&mut self.state, &arrived.measurements, now_us);
+        self.helm.act(now_us, estimate)
+    }
+
+    /// Takes in all that arrived, and decides what the next sample is met with; to be called once after each [`Self::act`], with the same.
+    pub fn decide(&mut self, now_us: u64, arrived: &Arrived) {
         let corrected;
         let measurements = match arrived.measurements.magnetic_ut {
             // Few steps have one: the copy costs little.
@@ -136,8 +143,15 @@ impl Flight {
             }
             None => &arrived.measurements,
         };
-        self.estimator.step(&mut self.state, measurements, now_us);
-        self.helm.step(now_us, self.state.estimate(), self.state.phase() != Phase::Aligning, arrived)
+        self.estimator.settle(&mut self.state, measurements, now_us);
+        self.helm.decide(now_us, self.state.estimate(), self.state.phase() != Phase::Aligning, arrived);
+    }
+
+    /// [`Self::act`], then [`Self::decide`].
+    pub fn step(&mut self, now_us: u64, arrived: &Arrived) -> Command {
+        let command = self.act(now_us, arrived);
+        self.decide(now_us, arrived);
+        command
     }
 
     /// What is to be kept over a reset; nothing unless it flies, and knows at least which way is down.
@@ -204,7 +218,9 @@ pub struct Helm {
     pilot: Option<Stamped<PilotInput>>,
     offboard: Option<Stamped<Setpoint>>,
     battery_v: Option<f32>,
-    decided_us: Option<u64>,
+    acted_us: Option<u64>,
+    /// Time between the last two samples, s.
+    dt_s: f32,
     decision: Option<autopilot::Command>,
 }
 
@@ -224,21 +240,36 @@ impl Helm {
             pilot: None,
             offboard: None,
             battery_v: None,
-            decided_us: None,
+            acted_us: None,
+            dt_s: 0.0,
             decision: None,
         }
     }
 
-    /// Decides what the motors do; to be called at each estimate.
+    /// What the motors do, by what was decided at the estimate before; to be called at each.
+    ///
+    /// - `now_us`: µs since boot.
+    pub fn act(&mut self, now_us: u64, estimate: &Estimate) -> Command {
+        let elapsed_us = now_us.saturating_sub(self.acted_us.unwrap_or(now_us));
+        self.acted_us = Some(now_us);
+        // 32 bits have an hour in them, and an instruction to convert them.
+        self.dt_s = u32::try_from(elapsed_us).unwrap_or(u32::MAX) as f32 * 1e-6;
+        let motors = self.autopilot.act(&mut self.state, estimate, self.dt_s);
+        match motors.map(Scalar::sqrt) {
+            speeds if self.is_armed() => Command::Run(speeds),
+            speeds if speeds == [0.0; 4] => Command::Stop,
+            speeds => Command::Bench(speeds),
+        }
+    }
+
+    /// Decides what the next estimate is met with; to be called once after each [`Self::act`].
     ///
     /// - `now_us`: µs since boot.
     /// - `gyro_calibrated`: whether the gyro's bias is known.
-    pub fn step(&mut self, now_us: u64, estimate: &Estimate, gyro_calibrated: bool, arrived: &Arrived) -> Command {
+    pub fn decide(&mut self, now_us: u64, estimate: &Estimate, gyro_calibrated: bool, arrived: &Arrived) {
         self.pilot = arrived.pilot.or(self.pilot);
         self.offboard = arrived.offboard.or(self.offboard);
         self.battery_v = arrived.measurements.battery_v.map(|battery| battery.value).or(self.battery_v);
-        let elapsed_us = now_us.saturating_sub(self.decided_us.unwrap_or(now_us));
-        self.decided_us = Some(now_us);
         if let Some(order) = &arrived.bench {
             self.autopilot.order(&mut self.state, order);
         }
@@ -251,20 +282,13 @@ impl Helm {
         };
         let step = autopilot::Step {
             now_us,
-            dt_s: elapsed_us as f32 * 1e-6,
+            dt_s: self.dt_s,
             estimate,
             pilot: self.pilot.as_ref(),
             offboard: self.offboard.as_ref(),
             system: &system,
         };
-        let decision = self.autopilot.step(&mut self.state, &step);
-        let command = match decision.motors.map(speed) {
-            speeds if decision.armed => Command::Run(speeds),
-            speeds if speeds == [0.0; 4] => Command::Stop,
-            speeds => Command::Bench(speeds),
-        };
-        self.decision = Some(decision);
-        command
+        self.decision = Some(self.autopilot.decide(&mut self.state, &step));
     }
 
     fn pass(&mut self, tape: &mut Tape) {
@@ -287,6 +311,10 @@ impl Helm {
     /// Tells the controller what is known of the rotors: see [`Controller::report`].
     pub fn report(&mut self, shares: [Option<f32>; 4]) {
         self.autopilot.controller().report(&mut self.state.controller, shares);
+    }
+
+    fn is_armed(&self) -> bool {
+        self.decision.as_ref().is_some_and(|decision| decision.armed)
     }
 
     /// The autopilot's last decision, once it has made one.
@@ -318,11 +346,6 @@ fn pass_pilot(pilot: Option<Stamped<PilotInput>>, tape: &mut Tape) -> Stamped<Pi
     *mode = Mode::ALL.get(place).copied().unwrap_or(*mode);
     tape.time(&mut frame.time_us);
     frame
-}
-
-/// Share of the fastest speed that makes a share of the largest thrust.
-fn speed(thrust: f32) -> f32 {
-    Scalar::sqrt(thrust.clamp(0.0, 1.0))
 }
 
 #[cfg(test)]

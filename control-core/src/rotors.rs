@@ -12,11 +12,10 @@
 //! | ( )_f  | `filter`     |                 | one low-pass for all, so that all are of one age  |
 //! | x      | `Residual`   | rad/s², m/s²    | acceleration that nothing known explains          |
 //!
-//! The residual serves three: the incremental loop takes it away by the next command (`Rotors::demand`), the detector in
-//! `health.rs` looks for a rotor in it, and what of it follows the slope of the thrusts is a wrong lag (`lag.rs`).
-//!
-//! Roll, pitch and thrust only. Heading has κ for an arm, a tenth of the others': the noise of its ṙ would work the motors
-//! ten times harder than everything else together, and the drag of a spinning body is not known.
+//! The residual serves three: the incremental loop takes it away by the next command (`Rotors::demand`); after that the detector in
+//! `health.rs` looks for a rotor in it, and what of it follows the slope of the thrusts is a wrong lag (`lag.rs`). Roll, pitch and thrust
+//! only: heading has κ for an arm, a tenth of the others', so that the noise of its ṙ would work the motors ten times harder than
+//! everything else together, and the drag of a spinning body is not known.
 //!
 //! Source: docs/control-law.md, "Watching the rotors"; the incremental form after S. Sieberling, Q. P. Chu, J. A. Mulder, "Robust
 //! flight control using incremental nonlinear dynamic inversion and angular acceleration prediction", 2010.
@@ -33,6 +32,7 @@ mod health;
 mod lag;
 mod lost;
 mod pair;
+mod stuck;
 mod suspect;
 mod weather;
 
@@ -127,6 +127,17 @@ pub(crate) struct Column<S>(pub(crate) [S; 3]);
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Residual<S>(pub(crate) [S; 3]);
 
+/// What a tick felt, to be reflected on after it.
+#[derive(Clone, Copy, Debug)]
+struct Felt<S> {
+    residual: Residual<S>,
+    /// Of the believed roll and pitch acceleration, rad/s³.
+    slope: [S; 2],
+    motor: LowPass<S>,
+    filter: LowPass<S>,
+    dt_s: S,
+}
+
 /// The watch, configured.
 #[derive(Clone, Debug)]
 pub(crate) struct Rotors<S> {
@@ -181,6 +192,8 @@ pub(crate) struct RotorsState<S: Scalar> {
     /// Angular momentum of each rotor about body z, N m s, and whose is next.
     momentum_nm_s: [S; 4],
     turn: usize,
+    /// What the last tick felt, until it is reflected on.
+    felt: Option<Felt<S>>,
     health: HealthState<S>,
     /// The spin, if heading is given up.
     pub(crate) spinning: Option<Spinning<S>>,
@@ -207,6 +220,7 @@ impl<S: Scalar> RotorsState<S> {
             borne: false,
             momentum_nm_s: [S::ZERO; 4],
             turn: 0,
+            felt: None,
             health: HealthState::new(rotors.and_then(|rotors| rotors.health.as_ref())),
             spinning: None,
             sunk_m: S::ZERO,
@@ -286,18 +300,14 @@ impl<S: Scalar> Rotors<S> {
         })
     }
 
-    /// What turning the spinning rotors takes, N m: ω × h. One rotor's momentum is brought up to date a tick, since a root is dear.
-    pub(crate) fn gyroscopic_nm(&self, state: &mut RotorsState<S>, rate: Vec3<Body, S>) -> Vec3<Body, S> {
-        let j = state.turn % 4;
-        state.turn = j + 1;
-        let thrust_n = (state.shares[j] * state.made_n[j] + state.stuck_n[j]).max(S::ZERO);
-        state.momentum_nm_s[j] = self.momentum[j] * thrust_n.sqrt();
+    /// What turning the spinning rotors takes, N m: ω × h.
+    pub(crate) fn gyroscopic_nm(state: &RotorsState<S>, rate: Vec3<Body, S>) -> Vec3<Body, S> {
         let [a, b, c, d] = state.momentum_nm_s;
         let sum = (a + b) + (c + d);
         Vec3::new(rate.y * sum, -(rate.x * sum), S::ZERO)
     }
 
-    /// Compares what the last commands should have done with what the sensors felt, and learns from the difference.
+    /// Compares what the last commands should have done with what the sensors felt.
     ///
     /// - `command_n`: last thrust commands.
     /// - `coupling_nm`: ω × I ω.
@@ -332,15 +342,27 @@ impl<S: Scalar> Rotors<S> {
         let pitch = state.slope_rad_s2[1] - state.predicted[1];
         state.yaw_rad_s = rate.z;
         filter.step(&mut state.force, force_z_m_s2 - made[2]);
-        let mut residual = Residual([roll, pitch, state.force]);
+        let residual = Residual([roll, pitch, state.force]);
+        state.felt = Some(Felt { residual, slope, motor, filter, dt_s });
+        residual
+    }
+
+    /// Learns from what the last tick felt, and decides what the next one flies without.
+    pub(crate) fn reflect(&self, state: &mut RotorsState<S>) {
+        let Some(Felt { residual, slope, motor, filter, dt_s }) = state.felt.take() else { return };
         if let Some(health) = &self.health
             && !state.borne
         {
-            let calm = || state.health.is_calm();
-            state.lag.learn(slope, [roll, pitch], &motor, &filter, calm, dt_s);
-            health.step(state, &self.columns, &mut residual, dt_s);
+            let [roll, pitch, _] = residual.0;
+            state.lag.learn(slope, [roll, pitch], &motor, &filter, || state.health.is_calm(), dt_s);
+            health.step(state, &self.columns, residual, dt_s);
         }
-        residual
+        // A root is dear: one rotor's momentum is brought up to date a tick.
+        let j = state.turn % 4;
+        state.turn = j + 1;
+        let thrust_n = (state.shares[j] * state.made_n[j] + state.stuck_n[j]).max(S::ZERO);
+        state.momentum_nm_s[j] = self.momentum[j] * thrust_n.sqrt();
+        state.spinning = self.next_spinning(state);
     }
 
     /// Takes what somebody else knows of the rotors' shares, each within 0 and 1; `None` where nothing is known.
@@ -364,36 +386,6 @@ impl<S: Scalar> Rotors<S> {
             roll_nm: wanted.roll_nm - self.inertia_kg_m2[0] * roll,
             pitch_nm: wanted.pitch_nm - self.inertia_kg_m2[1] * pitch,
             yaw_nm: wanted.yaw_nm,
-        }
-    }
-
-    /// What of `demand` is left for the rotors that are not stuck.
-    pub(crate) fn less_stuck(&self, state: &RotorsState<S>, demand: &Demand<S>) -> Demand<S> {
-        let mut left = *demand;
-        if state.health.has_stuck() {
-            for j in 0..4 {
-                if !state.health.is_stuck(j) {
-                    continue;
-                }
-                let Column([roll, pitch, _]) = self.columns[j];
-                let thrust_n = state.stuck_n[j];
-                left.thrust_n = left.thrust_n - thrust_n;
-                left.roll_nm = left.roll_nm - self.inertia_kg_m2[0] * roll * thrust_n;
-                left.pitch_nm = left.pitch_nm - self.inertia_kg_m2[1] * pitch * thrust_n;
-                left.yaw_nm = left.yaw_nm - self.turning_m[j] * thrust_n;
-            }
-        }
-        left
-    }
-
-    /// Tells stuck rotors what a healthy one would do in a hover: when they do it, they are not stuck any more.
-    pub(crate) fn tell_stuck(&self, state: &RotorsState<S>, thrust_n: &mut [S; 4]) {
-        if state.health.has_stuck() {
-            for (j, thrust_n) in thrust_n.iter_mut().enumerate() {
-                if state.health.is_stuck(j) {
-                    *thrust_n = self.quarter_n;
-                }
-            }
         }
     }
 }

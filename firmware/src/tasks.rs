@@ -168,9 +168,11 @@ async fn control(
             self_test_passed: who == WHO_AM_I.1 && BAROMETER_FOUND.load(Ordering::Relaxed) && !station::stores(),
             parameters_valid,
         };
-        let command = flight.step(time_us, &arrived);
+        let command = flight.act(time_us, &arrived);
         station::note_motors(command != Command::Stop);
         motors.write(command).await;
+        let told = DWT::cycle_count().wrapping_sub(started);
+        flight.decide(time_us, &arrived);
         number = number.wrapping_add(1);
         let record = Record { step: number, time_us, arrived, command };
         black_box::keep(&record);
@@ -181,7 +183,7 @@ async fn control(
                 tally.refuse(decision.failing);
             }
         }
-        tally.step(measurements.imu.is_some(), command, DWT::cycle_count().wrapping_sub(started));
+        tally.step(measurements.imu.is_some(), command, told);
         let done_us = now_us();
         late = pace.finish(done_us);
         let took_us = done_us.saturating_sub(time_us);

@@ -112,14 +112,31 @@ impl Aboard {
         }
     }
 
-    /// Reads the sensors, and estimates; to be called once a tick. Times of `world` are the flight's.
+    /// Reads the sensors, and estimates: [`Self::sample`], then [`Self::settle`].
     pub fn step(&mut self, world: &World) {
+        self.sample(world);
+        self.settle(world.t_s);
+    }
+
+    /// Reads the sensors, and estimates what the motors wait for; to be called once a tick. Times of `world` are the flight's.
+    pub fn sample(&mut self, world: &World) {
         let t_s = world.t_s + self.began_s;
         self.measurements = self.suite.sample(&World { t_s, ..*world });
         self.calibration.correct(&mut self.measurements, self.load);
         let now_us = self.clock_us(world.t_s);
-        self.estimate = *self.estimator.step(&mut self.state, &self.measurements, now_us);
-        self.estimate.position_m = self.estimate.position_m + self.origin_m;
+        let estimate = *self.estimator.sample(&mut self.state, &self.measurements, now_us);
+        self.believe(estimate);
+    }
+
+    /// Estimates the rest, at `t_s` of the flight; to be called once after each sample.
+    pub fn settle(&mut self, t_s: f64) {
+        let now_us = self.clock_us(t_s);
+        let estimate = *self.estimator.settle(&mut self.state, &self.measurements, now_us);
+        self.believe(estimate);
+    }
+
+    fn believe(&mut self, estimate: Estimate) {
+        self.estimate = Estimate { position_m: estimate.position_m + self.origin_m, ..estimate };
     }
 
     /// Hears what the rotors are commanded, N.

@@ -127,18 +127,24 @@ impl Flight<'_> {
             let mut now_us = libm::round(t_s * 1e6) as u64;
             let mut estimate = shown(&input, now_us);
             if let Some(aboard) = &mut aboard {
-                aboard.step(&machine.world(&moment));
+                aboard.sample(&machine.world(&moment));
                 if aboard.is_flown() {
-                    now_us = aboard.clock_us(t_s);
+                    (now_us, estimate) = (aboard.clock_us(t_s), *aboard.estimate());
+                }
+            }
+            let told = machine.told();
+            helm.report(told.reported);
+            helm.act(now_us, &estimate);
+            if let Some(aboard) = &mut aboard {
+                aboard.settle(t_s);
+                if aboard.is_flown() {
                     (estimate, input) = (*aboard.estimate(), aboard.input(target.setpoint()));
                 }
             }
             let measurements = aboard.as_ref().map_or(&nothing, Aboard::measurements);
             let bench = outside.step(t_s);
-            let told = machine.told();
-            helm.report(told.reported);
             let arrived = outside.arrived(now_us, target.setpoint(), measurements, bench);
-            helm.step(now_us, &estimate, outside.now.gyro_calibrated != Some(false), &arrived);
+            helm.decide(now_us, &estimate, outside.now.gyro_calibrated != Some(false), &arrived);
             // Each step decides.
             let Some(command) = helm.decision() else { continue };
             let command_n = command.motors.map(|motor| f64::from(motor) * machine.vehicle.thrust_n_max());

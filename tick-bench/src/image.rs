@@ -1,7 +1,7 @@
 //! The program: replay, compare, print.
 use crate::count::Counter;
 use crate::stack::Canvas;
-use crate::{estimator, math, record};
+use crate::{estimator, helm, math, record};
 use control_core::{Controller, Input, Output, State};
 use core::fmt::{self, Display};
 use core::hint::black_box;
@@ -22,6 +22,7 @@ fn run() -> Result<(), &'static str> {
     let peripherals = cortex_m::Peripherals::take().ok_or("the peripherals are taken")?;
     let counter = Counter::new(peripherals.SYST);
     estimator::print(&counter)?;
+    helm::print(&counter)?;
     let record::Record { config, ticks } = record::flight().ok_or("no tick record at 0x21000000")?;
     let controller = Controller::try_new(black_box(&config)).map_err(|_| "the flight configuration is refused")?;
     hprintln!("{}", replay(&counter, &controller, ticks));
@@ -34,6 +35,8 @@ fn run() -> Result<(), &'static str> {
 struct Replay {
     ticks: u32,
     instructions: u64,
+    /// The most from sample to thrusts, and of a whole tick.
+    path: u32,
     worst: u32,
     worst_at: u32,
     stack: u32,
@@ -49,21 +52,31 @@ fn replay(counter: &Counter, controller: &Controller, ticks: &[record::Tick]) ->
     let canvas = Canvas::paint();
     for record in ticks {
         let (input, host_thrust_n) = record.decode();
-        let (instructions, output) = counter.instructions(|| tick(controller, &mut state, &input));
-        replay.add(instructions, output, host_thrust_n);
+        let (path, output) = counter.instructions(|| act(controller, &mut state, &input));
+        let output = *output;
+        let (after, ()) = counter.instructions(|| reflect(controller, &mut state));
+        replay.add(path, after, &output, host_thrust_n);
     }
     replay.stack = canvas.depth();
     replay
 }
 
-/// One tick as a task would call it: not inlined, so that the call is counted too.
+/// From sample to thrusts as a task would call it: not inlined, so that the call is counted too.
 #[inline(never)]
-fn tick<'a>(controller: &Controller, state: &'a mut State, input: &Input) -> &'a Output {
-    controller.tick(state, input)
+fn act<'a>(controller: &Controller, state: &'a mut State, input: &Input) -> &'a Output {
+    controller.act(state, input)
+}
+
+/// The rest of the tick.
+#[inline(never)]
+fn reflect(controller: &Controller, state: &mut State) {
+    controller.reflect(state);
 }
 
 impl Replay {
-    fn add(&mut self, instructions: u32, output: &Output, host_thrust_n: [f32; 4]) {
+    fn add(&mut self, path: u32, after: u32, output: &Output, host_thrust_n: [f32; 4]) {
+        self.path = path.max(self.path);
+        let instructions = path + after;
         if instructions > self.worst {
             (self.worst, self.worst_at) = (instructions, self.ticks);
         }
@@ -79,11 +92,11 @@ impl Replay {
 
 impl Display for Replay {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { ticks, instructions, worst, worst_at, stack, rejected, differing, first_differing } = self;
+        let Self { ticks, instructions, path, worst, worst_at, stack, rejected, differing, first_differing } = self;
         let mean = *instructions as f32 / (*ticks).max(1) as f32;
         write!(
             f,
-            "tick ticks={ticks} worst={worst} mean={mean:.1} worst_at={worst_at} stack={stack} rejected={rejected} \
+            "tick ticks={ticks} path={path} worst={worst} mean={mean:.1} worst_at={worst_at} stack={stack} rejected={rejected} \
              differing={differing} first_differing="
         )?;
         match first_differing {

@@ -5,8 +5,9 @@
 //! It measures; `xtask` judges. What it prints is one line per fact, `kind key=value key=value`:
 //!
 //! ```text
-//! tick ticks=35000 worst=700 mean=690.5 worst_at=12 stack=400 rejected=0 differing=0 first_differing=none
+//! tick ticks=35000 path=500 worst=700 mean=690.5 worst_at=12 stack=400 rejected=0 differing=0 first_differing=none
 //! estimator arrival=gnss path=900 step=9000 stack=900
+//! helm flown=1000 act=1500 controller=1400
 //! bytes estimator=300 estimator_state=6000 controller=4000 controller_state=800
 //! math function=tanh core=40 libm=104 micromath=136
 //! ```
@@ -18,6 +19,8 @@
 mod count;
 #[cfg(target_os = "none")]
 mod estimator;
+#[cfg(target_os = "none")]
+mod helm;
 #[cfg(target_os = "none")]
 mod image;
 #[cfg(target_os = "none")]

@@ -291,7 +291,7 @@ fn is_core(name: &str) -> bool {
 }
 
 fn is_step(name: &str) -> bool {
-    name.starts_with("control_core::estimation::Estimator::step")
+    name.starts_with("control_core::estimation::Estimator::settle")
 }
 
 #[cfg(test)]
@@ -302,8 +302,8 @@ mod tests {
     fn image(step: &str) -> Image {
         let code = format!(
             "08000000 <embassy_executor::raw::TaskStorage$LT$F$GT$::poll::h1>:\n 8000000:      \tbl\t0x8000100 \
-             <control_core::estimation::Estimator::step::h2> @ imm = #0x100\n\n\
-             08000100 <control_core::estimation::Estimator::step::h2>:\n{step} 8000110:      \tbx\tlr\n"
+             <control_core::estimation::Estimator::settle::h2> @ imm = #0x100\n\n\
+             08000100 <control_core::estimation::Estimator::settle::h2>:\n{step} 8000110:      \tbx\tlr\n"
         );
         let mut rodata = Vec::new();
         for word in [0x1010_u32, 17, 7, 1] {
@@ -327,7 +327,7 @@ mod tests {
     #[test]
     fn a_call_through_a_pointer_is_found_and_a_return_is_none() {
         let (_, pointers) = image(" 8000104:      \tblx\tr3\n").reach().unwrap();
-        assert_eq!(pointers.into_iter().collect::<Vec<_>>(), ["control_core::estimation::Estimator::step::h2"]);
+        assert_eq!(pointers.into_iter().collect::<Vec<_>>(), ["control_core::estimation::Estimator::settle::h2"]);
     }
 
     #[test]

@@ -1,5 +1,5 @@
 //! On the bench: what the motors do while disarmed, and who may ask for it.
-use super::{Autopilot, AutopilotState, unit};
+use super::{Autopilot, AutopilotState, Plan, unit};
 use crate::WiringCheck;
 use crate::arming::Arming;
 use crate::estimate::Estimate;
@@ -38,6 +38,7 @@ impl Autopilot {
     pub fn order(&self, state: &mut AutopilotState, order: &BenchOrder) -> bool {
         let disarmed = state.arming == Arming::Disarmed;
         if disarmed {
+            state.plan = Plan::Turn([0.0; 4]);
             state.bench = match order {
                 BenchOrder::Motors(order) => Bench::Motors(MotorTest::new(order)),
                 BenchOrder::Wiring => Bench::Wiring(WiringCheck::new(&self.airframe)),

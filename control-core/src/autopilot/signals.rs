@@ -1,5 +1,6 @@
 //! What goes into a step of the autopilot and what comes out of it.
 use crate::arming::Check;
+use crate::controller::Target;
 use crate::estimate::{Estimate, Health};
 use crate::failsafe::Failsafe;
 use crate::frames::{Attitude, Vec3};
@@ -52,7 +53,7 @@ pub struct Step<'a> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[expect(clippy::struct_excessive_bools, reason = "independent facts, each read by name")]
 pub struct Command {
-    /// Command of each motor, share of its largest thrust, 0 to 1, in airframe order.
+    /// What each motor was told, share of its largest thrust, 0 to 1, in airframe order.
     pub motors: [f32; 4],
     /// Whether the rotors are let turn.
     pub armed: bool,
@@ -72,6 +73,29 @@ pub struct Command {
     pub landed: bool,
     /// Whether the controller refused the sample, and holds its thrusts.
     pub rejected: bool,
+}
+
+/// What the motors do at the next sample.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Plan {
+    /// These commands.
+    Turn([f32; 4]),
+    /// What the controller makes of a target, on what of the estimate can be flown on.
+    Fly(Target, Level),
+}
+
+/// What the motors were told.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Acted {
+    /// Shares of the largest thrusts.
+    pub(super) motors: [f32; 4],
+    /// Thrusts, N; zero where the controller has not spoken.
+    pub(super) thrust_n: [f32; 4],
+    pub(super) rejected: bool,
+}
+
+impl Acted {
+    pub(super) const NOTHING: Self = Self { motors: [0.0; 4], thrust_n: [0.0; 4], rejected: false };
 }
 
 impl Step<'_> {
@@ -102,7 +126,7 @@ pub(super) fn believed(estimate: &Estimate) -> Health {
 }
 
 /// The controller's sample: of what may not be flown on, nothing is passed on.
-pub(super) fn sample(estimate: &Estimate, level: Level, dt_s: f32) -> Input {
+pub(super) fn sample(estimate: &Estimate, level: Level, dt_s: f32, setpoint: Setpoint) -> Input {
     let (zero, velocity_m_s) = (Vec3::zero(), estimate.velocity_m_s);
     let vertical = |v: Vec3<_>| Vec3::new(0.0, 0.0, v.z);
     let (position_m, velocity_m_s) = match level {
@@ -117,6 +141,6 @@ pub(super) fn sample(estimate: &Estimate, level: Level, dt_s: f32) -> Input {
         attitude: if level >= Level::Tilt { estimate.attitude } else { Attitude::level() },
         rate_rad_s: estimate.rate_rad_s,
         specific_force_m_s2: estimate.specific_force_m_s2,
-        ..Input::hovering()
+        setpoint,
     }
 }

@@ -16,10 +16,18 @@ const Z: usize = 2;
 /// Heading's.
 pub(super) const PSI: usize = 3;
 
+/// What an axis is to learn from a tick.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Taught<S: Scalar> {
+    pub(super) axis: usize,
+    pub(super) lesson: Lesson<S>,
+}
+
 impl<S: Scalar> Controller<S> {
-    /// Thrust and torques, the body's own coupling not yet taken away.
+    /// Thrust and torques, the body's own coupling not yet taken away. What is to be learnt is learnt at once, or, if there is more to
+    /// [`Controller::reflect`] on, `LATER`.
     #[inline(always)]
-    pub(super) fn wanted(
+    pub(super) fn wanted<const LATER: bool>(
         &self,
         state: &mut State<S>,
         rate: Vec3<Body, S>,
@@ -29,7 +37,7 @@ impl<S: Scalar> Controller<S> {
     ) -> Demand<S> {
         let (outer, heading_nm) = self.command(state, errors, dt_s);
         let braking = self.braking(state, errors.yaw_rad, rate.z, dt_s);
-        self.learn(state, errors, braking, dt_s);
+        self.learn_in_turn::<LATER>(state, errors, braking, dt_s);
         let inner = self.guidance.convert(&outer, angles);
         let [roll_nm, pitch_nm] = self.inner(state, rate, angles, &inner, dt_s);
         state.tilt_setpoint_rad = [inner.roll_rad, inner.pitch_rad];
@@ -54,11 +62,11 @@ impl<S: Scalar> Controller<S> {
         (outer, psi.command(psi_state, &input(yaw_rad, yaw_rate_rad_s, None), &low_pass))
     }
 
-    /// The force up, N, of a machine whose place and heading others hold: only altitude learns.
-    pub(super) fn altitude(&self, state: &mut State<S>, errors: &Errors<S>, dt_s: S) -> S {
+    /// The force up, N, of a machine whose place and heading others hold; and what is to be learnt, by altitude alone.
+    #[inline(always)]
+    pub(super) fn altitude(&self, state: &mut State<S>, errors: &Errors<S>, dt_s: S) -> (S, Option<Taught<S>>) {
         let (outer, _) = self.command(state, errors, dt_s);
-        self.learn_altitude(state, errors, dt_s);
-        outer.up_n
+        (outer.up_n, Some(Taught { axis: Z, lesson: self.altitude_lesson(state, errors, dt_s) }))
     }
 
     /// Torque that only stops the body from turning, N m.
@@ -67,19 +75,33 @@ impl<S: Scalar> Controller<S> {
     }
 
     /// The slow part of the axes: one a tick in turn, by the time since its last turn; under the paper's law all of
-    /// them, as printed.
-    fn learn(&self, state: &mut State<S>, errors: &Errors<S>, braking: S::Mask, dt_s: S) {
-        if self.in_turn {
-            let turn = state.turn % AXES;
-            state.turn = turn + 1;
-            state.ticks_s[turn] = dt_s;
-            let [a, b, c, d] = state.ticks_s;
-            // In pairs: equal ticks add up without rounding.
-            self.learn_axis(turn, state, errors, braking, (a + b) + (c + d));
-        } else {
+    /// them, at once, as printed.
+    #[inline(always)]
+    fn learn_in_turn<const LATER: bool>(&self, state: &mut State<S>, errors: &Errors<S>, braking: S::Mask, dt_s: S) {
+        if !self.in_turn {
             for axis in 0..AXES {
                 self.learn_axis(axis, state, errors, braking, dt_s);
             }
+            return;
+        }
+        let axis = state.turn % AXES;
+        state.turn = axis + 1;
+        state.ticks_s[axis] = dt_s;
+        let [a, b, c, d] = state.ticks_s;
+        // In pairs: equal ticks add up without rounding.
+        let since_s = (a + b) + (c + d);
+        if LATER {
+            state.taught = Some(Taught { axis, lesson: self.lesson(axis, state, errors, braking, since_s) });
+        } else {
+            self.learn_axis(axis, state, errors, braking, since_s);
+        }
+    }
+
+    /// Moves one axis by what it was taught.
+    #[inline(always)]
+    pub(super) fn learn(&self, state: &mut State<S>, axis: usize, lesson: &Lesson<S>) {
+        if let (Some(law), Some(state)) = (self.axes.get(axis), state.axes.get_mut(axis)) {
+            law.learn(state, lesson);
         }
     }
 
@@ -100,7 +122,7 @@ impl<S: Scalar> Controller<S> {
         }
     }
 
-    /// The slow part of one axis, x, y, z or psi. Heading learns nothing while the guard brakes.
+    /// The slow part of one axis, x, y, z or psi.
     pub(super) fn learn_axis(
         &self,
         axis: usize,
@@ -109,16 +131,20 @@ impl<S: Scalar> Controller<S> {
         braking: S::Mask,
         since_s: S,
     ) {
+        let lesson = self.lesson(axis, state, errors, braking, since_s);
+        self.learn(state, axis, &lesson);
+    }
+
+    /// What one axis is to learn. Heading learns nothing while the guard brakes.
+    #[inline(always)]
+    fn lesson(&self, axis: usize, state: &State<S>, errors: &Errors<S>, braking: S::Mask, since_s: S) -> Lesson<S> {
         let error = errors.position_m;
         let lesson = |error, refused| Lesson { error, refused, integrate: S::Mask::splat(true), dt_s: since_s };
-        let lesson = match axis {
+        match axis {
             0 => lesson(error.x, state.refused_m_s2[0]),
             1 => lesson(error.y, state.refused_m_s2[1]),
             Z => self.altitude_lesson(state, errors, since_s),
             _ => Lesson { dt_s: S::select(braking, S::ZERO, since_s), ..lesson(errors.yaw_rad, state.refused.yaw_nm) },
-        };
-        if let (Some(law), Some(state)) = (self.axes.get(axis), state.axes.get_mut(axis)) {
-            law.learn(state, &lesson);
         }
     }
 

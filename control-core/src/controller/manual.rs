@@ -64,6 +64,16 @@ pub enum Target {
     Position(Setpoint),
 }
 
+impl Target {
+    /// What a tick of the position is given as its setpoint.
+    pub fn setpoint(&self) -> Setpoint {
+        match *self {
+            Self::Position(setpoint) => setpoint,
+            Self::Ground { .. } | Self::Rates { .. } | Self::Angles { .. } => Input::hovering().setpoint,
+        }
+    }
+}
+
 /// T: the time in which a rate error counts as an angle error, s. It makes the rate gain half as high again.
 const RATE_S: f32 = 0.1;
 
@@ -108,39 +118,38 @@ impl Hand {
 }
 
 impl Controller {
-    /// Runs the whole controller once, towards whatever kind of target is flown.
+    /// The thrusts towards whatever kind of target is flown.
     ///
-    /// - `input`: its setpoint is not looked at; nor are its position and velocity where the target has none.
+    /// - `input`: its setpoint is [`Target::setpoint`]'s; its position and velocity are not looked at where the target has none.
     /// - Returns the thrusts.
     ///
-    /// [`Target::Position`] is [`Self::tick`]. On the ground the state is that of a hover about to begin: nothing is learnt from
+    /// [`Target::Position`] is [`Self::act`]. On the ground the state is that of a hover about to begin: nothing is learnt from
     /// what the feet do. A target or a sample that is not plausible changes nothing, as there.
-    pub fn tick_toward(&self, state: &mut State, input: &Input, target: &Target) -> Output {
+    pub fn act_toward(&self, state: &mut State, input: &Input, target: &Target) -> Output {
         match *target {
             Target::Ground { share } => {
                 *state = self.hover_state();
                 Output { thrust_n: self.allocator.alike(share), rejected: false }
             }
             Target::Rates { rate_rad_s, thrust_n } => {
-                self.tick_by_hand(state, input, &Hand { rate_rad_s, tilt_rad: None, lift: Lift::Thrust(thrust_n) })
+                self.act_by_hand(state, input, &Hand { rate_rad_s, tilt_rad: None, lift: Lift::Thrust(thrust_n) })
             }
             Target::Angles { roll_rad, pitch_rad, yaw_rate_rad_s, lift } => {
                 let rate_rad_s = Vec3::new(0.0, 0.0, yaw_rate_rad_s);
-                self.tick_by_hand(state, input, &Hand { rate_rad_s, tilt_rad: Some([roll_rad, pitch_rad]), lift })
+                self.act_by_hand(state, input, &Hand { rate_rad_s, tilt_rad: Some([roll_rad, pitch_rad]), lift })
             }
-            Target::Position(setpoint) => *self.tick(state, &Input { setpoint, ..*input }),
+            Target::Position(_) => *self.act(state, input),
         }
     }
 
-    fn tick_by_hand(&self, state: &mut State, input: &Input, hand: &Hand) -> Output {
+    fn act_by_hand(&self, state: &mut State, input: &Input, hand: &Hand) -> Output {
         let angles = Angles::of(&input.attitude);
         let input = hand.input(input, &angles);
         let mut errors = Errors::of(&input, &angles);
         errors.yaw_rad = RATE_S * errors.yaw_rate_rad_s;
         let plausible = errors.are_plausible(&input) && hand.is_finite();
-        let rate = input.rate_rad_s;
-        if plausible && self.rotors.as_ref().is_some_and(|r| r.next_spinning(&state.rotors, rate.z).is_some()) {
-            return *self.tick(state, &input);
+        if plausible && state.rotors.spinning.is_some() {
+            return *self.act(state, &input);
         }
         state.output.rejected = !plausible;
         if plausible {
@@ -159,21 +168,14 @@ impl Controller {
     ) {
         let rate = input.rate_rad_s;
         let dt_s = input.dt_s.max(self.dt_s_range.0).min(self.dt_s_range.1);
-        let coupling = self.coupling.torque_nm(rate);
         let Some(rotors) = &self.rotors else {
             let wanted = self.wanted_by_hand(state, rate, angles, errors, hand, dt_s);
-            state.take(self.allocator.allocate(&wanted.with_torque(coupling)));
+            state.take(self.allocator.allocate(&wanted.with_torque(self.coupling.torque_nm(rate))));
             return;
         };
-        let coupling = coupling + rotors.gyroscopic_nm(&mut state.rotors, rate);
-        let force_m_s2 = input.specific_force_m_s2.z;
-        let residual = rotors.observe(&mut state.rotors, &state.output.thrust_n, rate, coupling, force_m_s2, dt_s);
+        let (coupling, residual) = self.feel(rotors, state, input, dt_s);
         let wanted = self.wanted_by_hand(state, rate, angles, errors, hand, dt_s);
-        let demand = rotors.demand(&wanted.with_torque(coupling), &residual);
-        let demand = rotors.less_stuck(&state.rotors, &demand);
-        let mut allocation = self.allocator.allocate_weakened(&demand, &state.rotors.shares);
-        rotors.tell_stuck(&state.rotors, &mut allocation.thrust_n);
-        state.take(allocation);
+        self.share_out(rotors, state, &rotors.demand(&wanted.with_torque(coupling), &residual));
     }
 
     /// Thrust and torques, the body's own coupling not yet taken away.
@@ -224,6 +226,12 @@ mod tests {
             .map(|config| Controller::try_new(&config).expect("shipped gains"))
     }
 
+    fn tick_toward(controller: &Controller, state: &mut State, input: &Input, target: &Target) -> Output {
+        let output = controller.act_toward(state, &Input { setpoint: target.setpoint(), ..*input }, target);
+        controller.reflect(state);
+        output
+    }
+
     fn weight_n() -> f32 {
         Airframe::paper(2.2).weight_n()
     }
@@ -241,7 +249,7 @@ mod tests {
                 input.position_m = Vec3::new(0.01 * i as f32, -0.3, 0.001 * i as f32);
                 let target = Target::Position(input.setpoint);
                 let elsewhere = Setpoint { yaw_rad: 1.0, ..input.setpoint };
-                let by_target = controller.tick_toward(&mut a, &Input { setpoint: elsewhere, ..input }, &target);
+                let by_target = tick_toward(&controller, &mut a, &Input { setpoint: elsewhere, ..input }, &target);
                 assert_eq!(
                     by_target.thrust_n.map(f32::to_bits),
                     controller.tick(&mut b, &input).thrust_n.map(f32::to_bits)
@@ -264,7 +272,7 @@ mod tests {
         ] {
             for controller in controllers() {
                 let mut state = controller.hover_state();
-                let output = controller.tick_toward(&mut state, &Input::hovering(), &target);
+                let output = tick_toward(&controller, &mut state, &Input::hovering(), &target);
                 let total_n: f32 = output.thrust_n.iter().sum();
                 assert!(!output.rejected && output.thrust_n[more] > output.thrust_n[less] + 0.01, "{why}: {output:?}");
                 assert!((total_n - weight_n()).abs() < 1e-3, "{why}: {total_n}");
@@ -277,7 +285,7 @@ mod tests {
         for controller in controllers() {
             let lifted = |lift, input: &Input| -> f32 {
                 let mut state = controller.hover_state();
-                controller.tick_toward(&mut state, input, &angles(0.0, 0.0, lift)).thrust_n.iter().sum()
+                tick_toward(&controller, &mut state, input, &angles(0.0, 0.0, lift)).thrust_n.iter().sum()
             };
             let hover = Input::hovering();
             assert!((lifted(Lift::Thrust(3.0), &hover) - 3.0).abs() < 1e-3);
@@ -304,7 +312,7 @@ mod tests {
             };
             let before = learnt(&state);
             for _ in 0..1000 {
-                controller.tick_toward(&mut state, &input, &angles(0.1, 0.0, Lift::Thrust(weight_n())));
+                tick_toward(&controller, &mut state, &input, &angles(0.1, 0.0, Lift::Thrust(weight_n())));
             }
             assert_eq!(learnt(&state), before);
         }
@@ -327,7 +335,7 @@ mod tests {
                 (spoilt, angles(0.0, 0.0, level)),
             ] {
                 let mut state = controller.hover_state();
-                assert!(controller.tick_toward(&mut state, &input, &target).rejected, "{target:?}");
+                assert!(tick_toward(&controller, &mut state, &input, &target).rejected, "{target:?}");
                 state.output.rejected = false;
                 assert_eq!(format!("{state:?}"), format!("{:?}", controller.hover_state()));
             }
@@ -341,7 +349,7 @@ mod tests {
             let mut input = Input::hovering();
             input.position_m.z = 1.0;
             controller.tick(&mut state, &input);
-            let output = controller.tick_toward(&mut state, &input, &Target::Ground { share: 0.25 });
+            let output = tick_toward(&controller, &mut state, &input, &Target::Ground { share: 0.25 });
             assert!(output.thrust_n.iter().all(|n| (n - 0.25 * 2.2 * weight_n() / 4.0).abs() < 1e-5));
             assert_eq!(format!("{state:?}"), format!("{:?}", controller.hover_state()));
         }

@@ -12,9 +12,11 @@
 //!
 //! What a heading needs of each rotor is a quarter of the weight, 1/R of its maximum with R the thrust-to-weight ratio. Altitude
 //! is held by the same law throughout; place and heading keep what they had learnt before.
+use super::cascade::Taught;
 use super::{Controller, Errors, State};
+use crate::frames::{Body, Vec3};
 use crate::guidance::Angles;
-use crate::rotors::{Rotors, RotorsState};
+use crate::rotors::{Residual, Rotors, RotorsState};
 use crate::signals::Input;
 use crate::spin::{SpinInput, Wanted};
 use crate::{Demand, Mask, Scalar};
@@ -36,14 +38,11 @@ impl<S: Scalar> Controller<S> {
         dt_s: S,
     ) {
         let rate = input.rate_rad_s;
-        let coupling = self.coupling.torque_nm(rate) + rotors.gyroscopic_nm(&mut state.rotors, rate);
-        let force_m_s2 = input.specific_force_m_s2.z;
-        let residual = rotors.observe(&mut state.rotors, &state.output.thrust_n, rate, coupling, force_m_s2, dt_s);
-        let spinning = rotors.next_spinning(&state.rotors, rate.z);
-        state.rotors.spinning = spinning;
-        let demand = if let (Some(spin), Some(mut spinning)) = (&rotors.spin, spinning) {
+        let (coupling, residual) = self.feel(rotors, state, input, dt_s);
+        let demand = if let (Some(spin), Some(mut spinning)) = (&rotors.spin, state.rotors.spinning) {
             errors.lead_down(&mut state.rotors, spinning.pair, dt_s);
-            let up_n = self.altitude(state, errors, dt_s);
+            let (up_n, taught) = self.altitude(state, errors, dt_s);
+            state.taught = taught;
             spinning.advance(input, &residual, dt_s);
             state.rotors.spinning = Some(spinning);
             let wanted = Wanted {
@@ -57,10 +56,40 @@ impl<S: Scalar> Controller<S> {
             Demand { thrust_n, roll_nm, pitch_nm, yaw_nm: self.brake_nm(rate.z) }
         } else {
             errors.lead_down(&mut state.rotors, false, dt_s);
-            let wanted = self.wanted(state, rate, angles, errors, dt_s);
+            let wanted = self.wanted::<true>(state, rate, angles, errors, dt_s);
             rotors.demand(&wanted.with_torque(coupling), &residual)
         };
-        let demand = rotors.less_stuck(&state.rotors, &demand);
+        self.share_out(rotors, state, &demand);
+    }
+
+    #[cold]
+    #[inline(never)]
+    pub(super) fn reflect_watching(&self, rotors: &Rotors<S>, state: &mut State<S>) {
+        rotors.reflect(&mut state.rotors);
+        if let Some(Taught { axis, lesson }) = state.taught.take() {
+            self.learn(state, axis, &lesson);
+        }
+    }
+
+    /// The torque that the body's own turning takes, and what nothing known explains.
+    #[inline(always)]
+    pub(super) fn feel(
+        &self,
+        rotors: &Rotors<S>,
+        state: &mut State<S>,
+        input: &Input<S>,
+        dt_s: S,
+    ) -> (Vec3<Body, S>, Residual<S>) {
+        let rate = input.rate_rad_s;
+        let coupling = self.coupling.torque_nm(rate) + Rotors::gyroscopic_nm(&state.rotors, rate);
+        let force_m_s2 = input.specific_force_m_s2.z;
+        (coupling, rotors.observe(&mut state.rotors, &state.output.thrust_n, rate, coupling, force_m_s2, dt_s))
+    }
+
+    /// Shares a demand out among what each rotor still makes.
+    #[inline(always)]
+    pub(super) fn share_out(&self, rotors: &Rotors<S>, state: &mut State<S>, demand: &Demand<S>) {
+        let demand = rotors.less_stuck(&state.rotors, demand);
         let mut allocation = self.allocator.allocate_weakened(&demand, &state.rotors.shares);
         rotors.tell_stuck(&state.rotors, &mut allocation.thrust_n);
         state.take(allocation);

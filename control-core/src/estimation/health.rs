@@ -19,13 +19,18 @@ use crate::frames::{Body, Vec3};
 impl EstimatorState {
     /// What changes with every inertial sample.
     pub(super) fn fill_fast(&mut self, time_us: u64, specific_force_m_s2: Vec3<Body>, rate_rad_s: Vec3<Body>) {
+        self.estimate.time_us = time_us;
+        self.estimate.rate_rad_s = rate_rad_s;
+        self.estimate.specific_force_m_s2 = specific_force_m_s2;
+        self.fill_motion();
+    }
+
+    /// What dead reckoning moves, and what corrects it.
+    pub(super) fn fill_motion(&mut self) {
         let (estimate, filter) = (&mut self.estimate, &self.filter);
-        estimate.time_us = time_us;
         estimate.position_m = filter.nominal.position_now_m();
         estimate.velocity_m_s = filter.nominal.velocity_m_s;
         estimate.attitude = filter.attitude;
-        estimate.rate_rad_s = rate_rad_s;
-        estimate.specific_force_m_s2 = specific_force_m_s2;
     }
 
     /// What changes with every step of the covariance.

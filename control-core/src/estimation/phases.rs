@@ -12,18 +12,15 @@ use super::filter::{Filter, Start};
 use super::quaternion::Quaternion;
 use super::sources::Source;
 use super::strapdown::Nominal;
-use super::{Aided, Estimator, EstimatorState, PIECE_S, Phase};
+use super::{Aided, Due, EARLY_US, Estimator, EstimatorState, GAP_S_MAX, PIECE_S, Phase, STEP_US};
 use crate::frames::{Body, Vec3};
-use crate::measurement::{Imu, Stamped};
 
 /// Fixed gains have the attitude again after this long, s.
 const RECOVERY_S: f32 = 3.0;
 
 impl Estimator {
     /// Waits for rest; starts the filter.
-    pub(super) fn align(&self, state: &mut EstimatorState, imu: &Stamped<Imu>, dt_s: f32, now_us: u64) {
-        let rate_rad_s = self.chain.step(&mut state.gyro, imu.value.rate_rad_s, now_us);
-        state.fill_fast(imu.time_us, imu.value.specific_force_m_s2, rate_rad_s);
+    pub(super) fn align(&self, state: &mut EstimatorState, &Due { ref imu, dt_s, .. }: &Due) {
         let Some(rest) = state.alignment.add(&imu.value, dt_s.min(PIECE_S)) else { return };
         let Some((rotation, heading_rad)) = self.found(state, &rest) else { return };
         if rest.still {
@@ -66,6 +63,32 @@ impl Estimator {
         }
         let any = || alignment::attitude(force, Vec3::new(1.0, 0.0, 0.0), [1.0, 0.0]);
         rest.impatient.then(any).flatten().map(|q| (q, 1.0))
+    }
+
+    /// The covariance, every 4 ms, and all that was let in since.
+    pub(super) fn correct(&self, state: &mut EstimatorState, due: &Due) {
+        let time_us = due.imu.time_us;
+        if due.dt_s > GAP_S_MAX {
+            self.fall_back(state);
+        }
+        if time_us.saturating_sub(state.stepped_us) + EARLY_US >= STEP_US {
+            state.stepped_us = time_us;
+            let span = state.filter.close_step(time_us);
+            match state.phase {
+                Phase::Running => {
+                    state.filter.predict(&self.config, &span, due.rate_rad_s, state.gap_s);
+                    state.units.doubt(&mut state.filter, span.length_s);
+                    self.fuse_pending(state, time_us);
+                }
+                _ => self.follow(state, time_us, span.length_s),
+            }
+            state.gap_s = 0.0;
+            if !state.filter.is_sound() {
+                self.fall_back(state);
+            }
+            state.fill_motion();
+            state.fill_slow();
+        }
     }
 
     /// A step with fixed gains; tries the filter again when they have had time.

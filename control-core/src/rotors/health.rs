@@ -205,19 +205,19 @@ impl<S: Scalar> Health<S> {
         &self,
         state: &mut RotorsState<S>,
         columns: &[Column<S>; 4],
-        residual: &mut Residual<S>,
+        mut residual: Residual<S>,
         dt_s: S,
     ) {
-        let per_newton = self.per_newton(state, residual);
+        let per_newton = self.per_newton(state, &residual);
         let calm = state.health.found == 0;
         let pair = state.health.trial.is_some() && self.try_pairs(state, dt_s)
             || state.spinning.is_some_and(|spinning| spinning.pair);
         // Of two rotors none can be spared: whatever else is felt, it is weather.
-        let alarmed = !pair && self.judge(state, residual, &per_newton, dt_s);
+        let alarmed = !pair && self.judge(state, &residual, &per_newton, dt_s);
         if alarmed {
             self.accuse(state);
         } else if !calm {
-            self.follow(state, columns, residual, &per_newton, dt_s);
+            self.follow(state, columns, &mut residual, &per_newton, dt_s);
         }
         if alarmed || !calm {
             self.settle(state);

@@ -23,10 +23,10 @@ const SURE: f32 = 2.0;
 const TURNING_RAD_S: (f32, f32) = (8.0, 2.0);
 
 impl<S: Scalar> Rotors<S> {
-    /// Whether to spin in this tick, and without which rotor.
-    pub(crate) fn next_spinning(&self, state: &RotorsState<S>, yaw_rate_rad_s: S) -> Option<Spinning<S>> {
+    /// Whether to spin in the next tick, and without which rotor.
+    pub(super) fn next_spinning(&self, state: &RotorsState<S>) -> Option<Spinning<S>> {
         let s = S::from_f32;
-        let turns = yaw_rate_rad_s.abs();
+        let turns = state.yaw_rad_s.abs();
         let mut weakest = 0;
         for rotor in 1..4 {
             if state.shares[rotor].lt(state.shares[weakest]).all() {
