@@ -234,7 +234,8 @@ impl WiringCheck {
                 continue;
             }
             let opposite = self.likeness(tilt_rad, i) < -0.5 * dot(tilt_rad, tilt_rad);
-            return Err(if opposite && answers[answer] != Some(i) {
+            // The bound is said where the compiler sees it: no index panics in flight.
+            return Err(if opposite && answers[answer % 4] != Some(i) {
                 WiringFault::Reversed { rotor }
             } else {
                 WiringFault::AnswersAs { told: rotor, answers: answer + 1 }
