@@ -12,6 +12,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::{Mutex, PoisonError};
 
+mod kinds;
+
+pub use kinds::{Health, Line, Mishap, Part, Telemetry};
+
 /// How many satellites a fix is said to be of.
 const SATELLITES: u8 = 14;
 
@@ -41,75 +45,6 @@ pub struct Answer {
     pub record: Option<Record>,
     /// What it has logged.
     pub log: String,
-}
-
-/// What may befall the chip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mishap {
-    /// The core goes where there is no code.
-    HardFault = 0,
-    /// The program hangs where it is, all interrupts masked.
-    Hang = 1,
-    /// The inertial unit's data-ready line breaks.
-    NoDataReady = 2,
-    /// What runs below all interrupts hangs.
-    HangBelow = 3,
-    /// The program panics.
-    Panic = 4,
-    /// The supply drops for a moment, not so far that RAM forgets.
-    BrownOut = 5,
-    /// The inertial unit's data line stays low.
-    AllZeros = 6,
-    /// The inertial unit's data line stays high.
-    AllOnes = 7,
-    /// The inertial unit answers anything.
-    Garbage = 8,
-    /// Power is off for a moment.
-    PowerCut = 9,
-    /// The stack is used up but for a few words.
-    StackOverflow = 10,
-}
-
-/// A part on the slow sensors' bus.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
-    /// The barometer.
-    Barometer = 0,
-    /// The magnetometer.
-    Magnetometer = 1,
-}
-
-/// How a part does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Health {
-    /// It does not answer.
-    Silent = 0,
-    /// It works.
-    Well = 1,
-    /// It holds the clock line, and so the bus.
-    HoldsBus = 2,
-}
-
-/// How a speed controller answers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Telemetry {
-    /// Never.
-    Silent = 0,
-    /// As it should.
-    Well = 1,
-    /// With a bit turned.
-    Garbled = 2,
-}
-
-/// A line over which bytes come.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Line {
-    /// The radio receiver's.
-    Radio = 0,
-    /// The satellite receiver's.
-    Gnss = 1,
-    /// The vision computer's.
-    Vision = 2,
 }
 
 /// Why the image does not run, or no longer.
