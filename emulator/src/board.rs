@@ -15,7 +15,7 @@
 //! # Source
 //! As `firmware/src/board/speedybee_f405_v4.rs`, where it is cited.
 use crate::device::esc::{Esc, Heard};
-use crate::device::icm42688::Icm42688;
+use crate::device::inertial_unit::{Inertial, InertialUnit};
 use crate::device::sensor_bus::SensorBus;
 use crate::device::ublox::Ublox;
 use crate::peripheral::timer::Pulse;
@@ -59,7 +59,7 @@ pub(crate) fn bit_cycles(baud: u32) -> u64 {
 /// Devices, and what was seen of them.
 #[derive(Debug)]
 pub(crate) struct Board {
-    pub(crate) imu: Icm42688,
+    pub(crate) imu: InertialUnit,
     pub(crate) sensors: SensorBus,
     pub(crate) gnss: Ublox,
     pub(crate) escs: [Esc; 4],
@@ -75,7 +75,7 @@ pub(crate) struct Board {
 impl Board {
     pub(crate) fn new() -> Self {
         Self {
-            imu: Icm42688::new(CYCLES_US),
+            imu: InertialUnit::new(Inertial::Icm42688, CYCLES_US),
             sensors: SensorBus::new(CYCLES_US),
             gnss: Ublox::new(CYCLES_US),
             escs: std::array::from_fn(Esc::new),

@@ -39,6 +39,7 @@ mod tasks;
 mod unit;
 
 pub use device::esc::Telemetry;
+pub use device::inertial_unit::Inertial;
 pub use device::sensor_bus::Health;
 pub use device::ublox::Fix;
 pub use image::Image;

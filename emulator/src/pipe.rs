@@ -12,6 +12,7 @@
 //! | `e`             | u32 address, u32 bytes, and those: fills flash as somebody may have left it |
 //! | `l`             | u8 bytes, and those: the station sends them now                             |
 //! | `h`             | nothing: answers what the station has heard                                 |
+//! | `i`             | u8: the board carries 0 an ICM-42688-P, 1 an MPU-6000; before its first period |
 //! | `z`             | nothing: answers whether the buzzer sounds                                  |
 //! | `p`             | 2 × f32: static pressure, Pa, and temperature, °C, at the barometer; holds  |
 //! | `g`             | 3 × f32: magnetic field, µT, forward, right, down; holds                    |
@@ -34,7 +35,7 @@
 //! | `h`     | u32 how often power has been off; u32 bytes that the station has heard since it last asked, and those |
 //! | `z`     | u8: 1 the buzzer sounds, 0 it does not                                                              |
 //! | `x`     | u32 bytes of why the run has ended, and those, UTF-8; nothing follows                              |
-use crate::{Failure, Fix, Health, Image, Line, Log, Machine, Part, Telemetry};
+use crate::{Failure, Fix, Health, Image, Inertial, Line, Log, Machine, Part, Telemetry};
 use flight_link::VisionPose;
 use std::io::{self, ErrorKind, Read, Write};
 
@@ -75,6 +76,10 @@ pub fn serve(image: &Image, mut input: impl Read, mut output: impl Write) -> io:
                 if let Err(failure) = befall(&mut machine, image, mishap)? {
                     return refuse(&mut output, &failure);
                 }
+            }
+            b'i' => {
+                let [part] = bytes(&mut input)?;
+                machine.solder(known(&[Inertial::Icm42688, Inertial::Mpu6000], part, "inertial unit")?);
             }
             b'z' => output.write_all(&[b'z', machine.sounds().into()])?,
             b'r' => machine.turn_rotors(floats(&mut input)?),

@@ -1,10 +1,12 @@
-//! The inertial unit on its bus: set up once, then one burst a data-ready edge; without edges, at the time of one.
+//! The inertial unit on its bus: found by what it says it is, set up once, then one burst a data-ready edge; without edges, at the time of
+//! one.
 //!
 //! Every few samples it must say who it is. While it does not, nothing that it says is believed.
 use embassy_time::{Duration, Instant, Timer, with_deadline};
-use firmware::icm42688::{BURST, READ, RESET, RESET_US, SAMPLE_HZ, SETUP, START_US, WHO_AM_I, sample};
+use firmware::icm42688::{self, READ, SAMPLE_HZ, WHO_AM_I};
+use firmware::mpu6000;
 
-use crate::board::{IMU_MOUNT, ImuBus, ImuReady};
+use crate::board::{self, IMU_MOUNT, ImuBus, ImuReady};
 use control_core::measurement::Imu as Sample;
 use embassy_stm32::gpio::Output;
 
@@ -14,6 +16,62 @@ const PERIOD: Duration = Duration::from_micros((1e6 / SAMPLE_HZ) as u64);
 const PATIENCE: Duration = Duration::from_micros((3e6 / SAMPLE_HZ) as u64);
 /// Samples between two looks at who it is.
 const LOOK_EVERY: u32 = 4;
+/// How often, once a millisecond, it is asked who it is before it counts as none: an MPU-6000 may take 100 ms to answer after power comes on.
+const ASKED_MAX: u32 = 100;
+/// Fastest clock at which every part may be asked who it is, Hz.
+const SLOWLY_HZ: u32 = mpu6000::SPI_HZ_MAX.0;
+
+/// Which part is soldered on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Part {
+    Icm42688,
+    Mpu6000,
+}
+
+impl Part {
+    /// The part that says this of itself.
+    const fn of(who: u8) -> Option<Self> {
+        if who == WHO_AM_I.1 {
+            Some(Self::Icm42688)
+        } else if who == mpu6000::WHO_AM_I {
+            Some(Self::Mpu6000)
+        } else {
+            None
+        }
+    }
+
+    /// What resets it, one register at a time, and how long each takes, µs.
+    const fn reset(self) -> (&'static [(u8, u8)], u64) {
+        match self {
+            Self::Icm42688 => (&[icm42688::RESET], icm42688::RESET_US),
+            Self::Mpu6000 => (&mpu6000::RESET, mpu6000::RESET_US),
+        }
+    }
+
+    /// What sets it up, and how long it takes to start, µs.
+    const fn setup(self) -> (&'static [(u8, u8)], u64) {
+        match self {
+            Self::Icm42688 => (&icm42688::SETUP, icm42688::START_US),
+            Self::Mpu6000 => (&mpu6000::SETUP, mpu6000::START_US),
+        }
+    }
+
+    /// Fastest clock of its bursts, Hz.
+    const fn burst_hz(self) -> u32 {
+        match self {
+            Self::Icm42688 => icm42688::SPI_HZ_MAX,
+            Self::Mpu6000 => mpu6000::SPI_HZ_MAX.1,
+        }
+    }
+
+    /// Its name.
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Icm42688 => "ICM-42688-P",
+            Self::Mpu6000 => "MPU-6000",
+        }
+    }
+}
 
 /// The inertial unit.
 pub(crate) struct Imu {
@@ -24,6 +82,7 @@ pub(crate) struct Imu {
     due: Instant,
     /// Whether the line has been silent, and samples are fetched by time.
     silent: bool,
+    part: Part,
     /// Whether it has said who it is.
     known: bool,
     waits: u32,
@@ -31,30 +90,29 @@ pub(crate) struct Imu {
 
 impl Imu {
     pub(crate) fn new(bus: ImuBus, select: Output<'static>, ready: ImuReady) -> Self {
-        Self { bus, select, ready, due: Instant::now(), silent: false, known: false, waits: 0 }
+        Self { bus, select, ready, due: Instant::now(), silent: false, part: Part::Icm42688, known: false, waits: 0 }
     }
 
-    /// Resets the part and sets it up; returns what it says it is, which is [`WHO_AM_I`]'s if it is there.
+    /// Finds the part, resets it and sets it up; whether it is one that is known.
     ///
     /// - `hurry`: in the air a part that is set up, and has gone on while the chip was reset, is left as it is.
-    pub(crate) async fn start(&mut self, hurry: bool) -> u8 {
-        let goes_on = hurry && self.is_set_up().await;
-        if !goes_on {
-            self.write(RESET).await;
-            Timer::after_micros(RESET_US).await;
-            for register in SETUP {
-                self.write(register).await;
+    pub(crate) async fn start(&mut self, hurry: bool) -> bool {
+        let found = self.find().await;
+        if let Some(part) = found {
+            self.part = part;
+            if !(hurry && self.is_set_up().await) {
+                self.set_up().await;
             }
-            Timer::after_micros(START_US).await;
+            self.clock(part.burst_hz());
         }
         self.due = Instant::now();
-        self.who().await
+        found.is_some()
     }
 
     /// Waits for the next sample, or until it should be there.
     pub(crate) async fn wait(&mut self) {
         if self.waits.is_multiple_of(LOOK_EVERY) {
-            self.known = self.who().await == WHO_AM_I.1;
+            self.known = self.is_itself().await;
         }
         self.waits = self.waits.wrapping_add(1);
         let patience = if self.silent { PERIOD } else { PATIENCE };
@@ -70,25 +128,83 @@ impl Imu {
 
     /// Reads the sample, if there is a new one.
     pub(crate) async fn read(&mut self) -> Option<Sample> {
-        let mut burst = [0; BURST.1];
-        burst[0] = BURST.0 | READ;
-        let through = self.exchange(&mut burst).await;
-        (through && self.known).then(|| sample(&burst, &IMU_MOUNT)).flatten()
+        match self.part {
+            Part::Icm42688 => {
+                let burst = self.burst(icm42688::BURST.0).await?;
+                icm42688::sample(&burst, &IMU_MOUNT)
+            }
+            Part::Mpu6000 => {
+                let burst = self.burst(mpu6000::BURST.0).await?;
+                mpu6000::sample(&burst, &IMU_MOUNT)
+            }
+        }
     }
 
-    /// What it says it is.
-    async fn who(&mut self) -> u8 {
-        self.ask(WHO_AM_I.0).await
+    /// The part that is there, by what it says it is; it may still be waking.
+    async fn find(&mut self) -> Option<Part> {
+        let mut who = 0;
+        for _ in 0..ASKED_MAX {
+            who = self.ask(WHO_AM_I.0).await;
+            if let Some(part) = Part::of(who) {
+                defmt::info!("the inertial unit is an {=str}", part.name());
+                return Some(part);
+            }
+            Timer::after_millis(1).await;
+        }
+        defmt::error!("the inertial unit says it is {=u8:#04x}, which is none that is known", who);
+        None
     }
 
-    /// Whether its registers are as [`SETUP`] sets them.
+    async fn set_up(&mut self) {
+        let (reset, reset_us) = self.part.reset();
+        for &register in reset {
+            self.write(register).await;
+            Timer::after_micros(reset_us).await;
+        }
+        let (setup, start_us) = self.part.setup();
+        for &register in setup {
+            self.write(register).await;
+        }
+        Timer::after_micros(start_us).await;
+    }
+
+    /// Whether its registers are as they are set up.
     async fn is_set_up(&mut self) -> bool {
-        for (register, value) in SETUP {
+        for &(register, value) in self.part.setup().0 {
             if self.ask(register).await != value {
                 return false;
             }
         }
         true
+    }
+
+    /// Whether it says that it is what it was at the start.
+    async fn is_itself(&mut self) -> bool {
+        // The one must be asked slowly, for which there is time before the next sample; the other need not.
+        let slowly = self.part == Part::Mpu6000;
+        if slowly {
+            self.clock(SLOWLY_HZ);
+        }
+        let who = self.ask(WHO_AM_I.0).await;
+        if slowly {
+            self.clock(self.part.burst_hz());
+        }
+        Part::of(who) == Some(self.part)
+    }
+
+    /// A burst from a register on, if the part is known and the bus worked.
+    async fn burst<const N: usize>(&mut self, register: u8) -> Option<[u8; N]> {
+        let mut burst = [0; N];
+        *burst.first_mut()? = register | READ;
+        let through = self.exchange(&mut burst).await;
+        (through && self.known).then_some(burst)
+    }
+
+    // Apart, for what it panics of to be told from what else might (xtask/src/panics.rs).
+    #[inline(never)]
+    fn clock(&mut self, hz: u32) {
+        // A speed can always be set.
+        let _ = self.bus.set_config(&board::imu_bus_config(hz));
     }
 
     async fn ask(&mut self, register: u8) -> u8 {

@@ -122,6 +122,11 @@ impl Emulator {
         self.said.extend(numbers);
     }
 
+    /// Puts an MPU-6000 in the place of the ICM-42688-P; before the first period.
+    pub fn solder_mpu6000(&mut self) {
+        self.say(b'i', [1]);
+    }
+
     /// Switches the board on anew; its image takes its clock to have run for so many seconds.
     pub fn begin_after(&mut self, uptime_s: u32) {
         self.say(b'w', uptime_s.to_le_bytes());

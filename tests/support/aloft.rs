@@ -71,15 +71,30 @@ impl Aloft {
     /// # Panics
     /// If it does not boot.
     pub fn on_the_ground_after(uptime_s: u32) -> Self {
+        Self::with(|emulator| {
+            if uptime_s > 0 {
+                emulator.begin_after(uptime_s);
+            }
+        })
+    }
+
+    /// The same, with an MPU-6000 in the place of the ICM-42688-P.
+    ///
+    /// # Panics
+    /// If it does not boot.
+    pub fn with_mpu6000() -> Self {
+        Self::with(Emulator::solder_mpu6000)
+    }
+
+    /// The same, with a board that something is done to before it boots.
+    fn with(prepare: impl FnOnce(&mut Emulator)) -> Self {
         let keys = VehicleKeys { linear_drag_n_s_m: 0.1, ..VehicleKeys::default() };
         let vehicle = Vehicle::new(AirframeName::Paper, &keys);
         let ground = Ground { altitude_m: Some(0.0) };
         let plant = RigidPlant::standing(&vehicle, ground, ground.standing_m().expect("there is ground"));
         let drive = Drive { command_n: 0.0, lag_s: keys.motor_lag_s, rate_n_s_max: f64::INFINITY, share: 1.0 };
         let mut emulator = Emulator::start().expect("emulator and image build");
-        if uptime_s > 0 {
-            emulator.begin_after(uptime_s);
-        }
+        prepare(&mut emulator);
         emulator.move_body(&Motion { force_m_s2: [0.0, 0.0, -9.81], rate_rad_s: [0.0; 3] });
         let answer = emulator.period().expect("the image boots");
         let actuation = Actuation { drives: [drive; 4], gust: Gust::default() };

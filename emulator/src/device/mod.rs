@@ -2,7 +2,7 @@
 pub(crate) mod crsf;
 pub(crate) mod dps310;
 pub(crate) mod esc;
-pub(crate) mod icm42688;
+pub(crate) mod inertial_unit;
 pub(crate) mod qmc5883l;
 pub(crate) mod sensor_bus;
 pub(crate) mod ublox;

@@ -4,7 +4,7 @@ use super::wiring::{FLASH_BYTES, LOOP};
 use crate::Failure;
 use crate::board;
 use crate::chip::{BORRSTF, PORRSTF};
-use crate::device::icm42688::Answers;
+use crate::device::inertial_unit::{Answers, Inertial, InertialUnit};
 use crate::peripheral::flash::{Cut, FLASH_START};
 use unicorn_engine::RegisterARM as R;
 
@@ -42,6 +42,11 @@ impl Machine {
     /// The inertial unit answers anything.
     pub fn garble_inertial_unit(&mut self) {
         self.spoil(Answers::Garbage);
+    }
+
+    /// Puts another inertial unit on the board, which is off; to be called before the image runs.
+    pub fn solder(&mut self, part: Inertial) {
+        self.state.borrow_mut().chip.board.imu = InertialUnit::new(part, board::CYCLES_US);
     }
 
     /// Cuts power now, and switches it on again.

@@ -27,7 +27,8 @@
 //! Betaflight's `configs/FOXEERF722V4/config.h`, repository `betaflight/config`: MOTOR1_PIN to MOTOR4_PIN, GYRO_1_*,
 //! UART1_*, UART2_RX_PIN, I2C1_*, BARO_I2C_INSTANCE and MAG_I2C_INSTANCE, UART4_*, UART3_RX_PIN, ADC_VBAT_PIN, LED0_PIN, BEEPER_PIN, BEEPER_INVERTED,
 //! GYRO_1_ALIGN. It names no ports for receivers and vision: which are taken is ours. Crystal and divider are Betaflight's
-//! defaults, which the file leaves. Boards sold with an MPU-6000 or a BMP280 in the same places are not driven.
+//! defaults, which the file leaves. Boards sold with an MPU-6000 in the place of the ICM-42688-P are
+//! driven too, those with a BMP280 not.
 use core::ops::Range;
 
 use embassy_stm32::adc::{Adc, AdcChannel, SampleTime};
@@ -51,7 +52,7 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, interrupt, pac, rcc};
 use firmware::dshot::{self, Dialogue};
 use firmware::icm42688::Mount;
-use firmware::{crsf, pose, ubx};
+use firmware::{crsf, mpu6000, pose, ubx};
 
 use super::bank::Bank;
 use super::ear::Ear;
@@ -168,7 +169,16 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
             second: Bank { timer: second, dma: p.DMA2_CH1, channels: [Ch3, Ch4] },
         },
         ear: None,
-        imu_bus: Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA2_CH3, p.DMA2_CH0, Irqs, imu_bus_config()),
+        imu_bus: Spi::new(
+            p.SPI1,
+            p.PA5,
+            p.PA7,
+            p.PA6,
+            p.DMA2_CH3,
+            p.DMA2_CH0,
+            Irqs,
+            imu_bus_config(mpu6000::SPI_HZ_MAX.0),
+        ),
         imu_select: Output::new(p.PB2, Level::High, Speed::VeryHigh),
         imu_ready: ExtiInput::new(p.PC4, p.EXTI4, Pull::Down, Irqs),
         radio: UartRx::new(p.USART2, p.PA3, p.DMA1_CH5, Irqs, line_config(crsf::BAUD))

@@ -18,7 +18,7 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, RingBufferedUartRx, UartRx, UartTx};
 use embassy_stm32::usb;
 use embassy_stm32::wdg::IndependentWatchdog;
-use firmware::icm42688::{Mount, SPI_HZ_MAX};
+use firmware::icm42688::Mount;
 use firmware::stored::Stored;
 
 use crate::gnss;
@@ -147,10 +147,10 @@ fn store(region: chosen::StoreRegion) -> Store {
     Stored::try_new(BlockingAsync::new(region), chosen::STORE).expect("the range is two sectors")
 }
 
-/// How the inertial unit's bus is driven.
-fn imu_bus_config() -> spi::Config {
+/// How the inertial unit's bus is driven, at most at a speed, Hz.
+pub(crate) fn imu_bus_config(hz: u32) -> spi::Config {
     let mut bus = spi::Config::default();
-    bus.frequency = Hertz(SPI_HZ_MAX);
+    bus.frequency = Hertz(hz);
     bus
 }
 

@@ -52,7 +52,7 @@ use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, interrupt, 
 use embassy_time::Duration;
 use firmware::dshot::{self, Dialogue};
 use firmware::icm42688::Mount;
-use firmware::{crsf, pose, ubx};
+use firmware::{crsf, mpu6000, pose, ubx};
 
 use super::bank::Bank;
 use super::ear::Ear;
@@ -175,7 +175,16 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
     Board {
         motors: MotorPins(Bank { timer, dma: p.DMA1_CH6, channels: [Ch1, Ch2, Ch3, Ch4] }),
         ear: Some(Ear::new(p.TIM1, p.DMA2_CH1, pac::GPIOB, [6, 7, 8, 9], PROTOCOL.timer_hz())),
-        imu_bus: Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA2_CH3, p.DMA2_CH0, Irqs, imu_bus_config()),
+        imu_bus: Spi::new(
+            p.SPI1,
+            p.PA5,
+            p.PA7,
+            p.PA6,
+            p.DMA2_CH3,
+            p.DMA2_CH0,
+            Irqs,
+            imu_bus_config(mpu6000::SPI_HZ_MAX.0),
+        ),
         imu_select: Output::new(p.PE11, Level::High, Speed::VeryHigh),
         imu_ready: ExtiInput::new(p.PC4, p.EXTI4, Pull::Down, Irqs),
         radio: UartRx::new(p.USART2, p.PD6, p.DMA1_CH5, Irqs, line_config(crsf::BAUD))

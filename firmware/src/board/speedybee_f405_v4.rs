@@ -51,7 +51,7 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, interrupt, pac, rcc};
 use firmware::dshot::{self, Dialogue};
 use firmware::icm42688::Mount;
-use firmware::{crsf, pose, ubx};
+use firmware::{crsf, mpu6000, pose, ubx};
 
 use super::bank::Bank;
 use super::ear::Ear;
@@ -168,7 +168,16 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
             second: Bank { timer: second, dma: p.DMA1_CH2, channels: [Ch3, Ch4] },
         },
         ear: Some(Ear::new(p.TIM1, p.DMA2_CH5, pac::GPIOB, [6, 7, 0, 1], PROTOCOL.timer_hz())),
-        imu_bus: Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA2_CH3, p.DMA2_CH0, Irqs, imu_bus_config()),
+        imu_bus: Spi::new(
+            p.SPI1,
+            p.PA5,
+            p.PA7,
+            p.PA6,
+            p.DMA2_CH3,
+            p.DMA2_CH0,
+            Irqs,
+            imu_bus_config(mpu6000::SPI_HZ_MAX.0),
+        ),
         imu_select: Output::new(p.PA4, Level::High, Speed::VeryHigh),
         imu_ready: ExtiInput::new(p.PC4, p.EXTI4, Pull::Down, Irqs),
         radio: UartRx::new(p.USART2, p.PA3, p.DMA1_CH5, Irqs, line_config(crsf::BAUD))
