@@ -1,7 +1,7 @@
 //! How long each of the image's tasks runs without a pause: from the call of its poll to the return from it.
 //!
 //! Interrupts on the way are counted in, and what other tasks do meanwhile is not: that is theirs. A task is found by the debug
-//! information of its poll function, whose symbol is the same for all.
+//! information of its poll function, whose symbol is the same for all; or, where the compiler has left a body outside its poll, by the body.
 use crate::{Failure, Image};
 use addr2line::Loader;
 use object::{Object, ObjectSymbol};
@@ -50,16 +50,21 @@ impl Task {
         let fail = |error: &dyn std::fmt::Display| Failure(format!("{}: {error}", path.display()));
         let loader = Loader::new(path).map_err(|error| fail(&error))?;
         let file = object::File::parse(&*image.elf).map_err(|error| fail(&error))?;
-        let mut tasks = Vec::new();
-        for poll in file.symbols().filter(|symbol| symbol.size() > 0) {
-            let entry = poll.address() & !1;
-            if poll.name().is_ok_and(|name| name.starts_with("_ZN") && name.contains(POLL)) {
-                let name = (entry..entry + poll.size()).step_by(2).find_map(|address| body(&loader, address));
-                let name = name.ok_or_else(|| fail(&format!("whose poll is at {entry:#010x} is not known")))?;
-                tasks.push(Self { name, entry: entry as u32, cycles_max: 0 });
+        let (mut tasks, mut hollow, mut outside) = (Vec::new(), 0, 0);
+        for symbol in file.symbols().filter(|symbol| symbol.size() > 0) {
+            let of = |kind: &str| symbol.name().is_ok_and(|name| name.starts_with("_ZN") && name.contains(kind));
+            if of(POLL) || of(BODY) {
+                let entry = symbol.address() & !1;
+                let name = (entry..entry + symbol.size()).step_by(2).find_map(|address| body(&loader, address));
+                (hollow, outside) = (hollow + u32::from(name.is_none()), outside + u32::from(of(BODY)));
+                tasks.extend(name.map(|name| Self { name, entry: entry as u32, cycles_max: 0 }));
             }
         }
-        Ok(tasks)
+        if hollow == outside {
+            Ok(tasks)
+        } else {
+            Err(fail(&format!("{hollow} polls are without their body, but {outside} bodies are outside a poll")))
+        }
     }
 }
 
