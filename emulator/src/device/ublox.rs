@@ -100,8 +100,8 @@ impl Ublox {
                 0x1074_0002 => self.nmea = value != 0,
                 0x3021_0001 => self.period_ms = value as u16,
                 0x2091_0007 => self.fixes = value == 1,
-                // Its own model of how it is moved.
-                0x2011_0021 if value == 8 => {}
+                // Its own model of how it is moved; SBAS on, BeiDou off. The fixes are given.
+                _ if [(0x2011_0021, 8), (0x1031_0020, 1), (0x1031_0022, 0)].contains(&(key, value)) => {}
                 _ => return Err(format!("the satellite receiver does not model the key {key:#010x} = {value}")),
             }
             rest = &after[bytes..];
