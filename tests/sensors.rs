@@ -364,8 +364,20 @@ fn the_page_and_the_schema_have_every_part() {
     let page = std::fs::read_to_string(system_tests::root().join("docs/sensors.md")).expect("the page");
     let schema = system_tests::sim_host(&["schema"]);
     let schema = String::from_utf8(schema.stdout).expect("text");
-    for part in ["icm42688p", "bmp388", "dps310", "qmc5883l", "ist8310", "m10", "pmw3901", "vl53l1x", "mocap", "dshot"]
-    {
+    for part in [
+        "icm42688p",
+        "bmp388",
+        "dps310",
+        "qmc5883l",
+        "ist8310",
+        "m10",
+        "f9p",
+        "f9p_rtk",
+        "pmw3901",
+        "vl53l1x",
+        "mocap",
+        "dshot",
+    ] {
         assert!(page.contains(&format!("`{part}`")) && schema.contains(&format!("\"{part}\"")), "{part}");
     }
 }

@@ -44,6 +44,10 @@ pub enum MagPart {
 pub enum GnssPart {
     /// u-blox M10, two constellations, of which 10 Hz leaves time for.
     M10,
+    /// u-blox ZED-F9P, corrected by what satellites say (SBAS).
+    F9p,
+    /// The same, corrected by a base station nearby (RTK).
+    F9pRtk,
 }
 
 /// Optical-flow sensors.
@@ -209,19 +213,27 @@ pub(super) struct GnssSheet {
 
 impl GnssPart {
     pub(super) const fn sheet(self) -> GnssSheet {
+        let m10 = GnssSheet {
+            timing: Timing { rate_hz: 10.0, latency_s: 0.12, jitter_s: 1e-3 },
+            noise_m: [0.1, 0.1, 0.15],
+            slow_m: [1.2, 1.2, 1.8],
+            slow_time_s: 7200.0,
+            multipath_m: [0.4, 0.4, 0.6],
+            multipath_time_s: 60.0,
+            noise_m_s: [0.04, 0.04, 0.06],
+            multipath_m_s: [0.03, 0.03, 0.045],
+            multipath_speed_time_s: 5.0,
+            lsb_m: [0.0111, 0.0111, 0.001],
+            lsb_m_s: 0.001,
+        };
         match self {
-            Self::M10 => GnssSheet {
-                timing: Timing { rate_hz: 10.0, latency_s: 0.12, jitter_s: 1e-3 },
-                noise_m: [0.1, 0.1, 0.15],
-                slow_m: [1.2, 1.2, 1.8],
-                slow_time_s: 7200.0,
-                multipath_m: [0.4, 0.4, 0.6],
-                multipath_time_s: 60.0,
-                noise_m_s: [0.04, 0.04, 0.06],
-                multipath_m_s: [0.03, 0.03, 0.045],
-                multipath_speed_time_s: 5.0,
-                lsb_m: [0.0111, 0.0111, 0.001],
-                lsb_m_s: 0.001,
+            Self::M10 => m10,
+            Self::F9p => GnssSheet { slow_m: [0.74, 0.74, 2.1], ..m10 },
+            Self::F9pRtk => GnssSheet {
+                noise_m: [0.005, 0.005, 0.008],
+                slow_m: [0.003, 0.003, 0.005],
+                multipath_m: [0.006, 0.006, 0.011],
+                ..m10
             },
         }
     }
