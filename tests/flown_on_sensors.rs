@@ -4,11 +4,12 @@
 use control_core::modes::Mode;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
-use sim_host::aboard::{Account, Verdict};
+use sim_host::aboard::{Account, Consistency, Verdict, consistency};
 use sim_host::controllers::ControllerName;
 use sim_host::flight::{Ending, Flight, NumberFormat, Sample};
 use sim_host::metrics::Flown;
 use sim_host::scenario::Scenario;
+use sim_host::sensors::GnssPart;
 use system_tests::{fly, metric, root, shipped};
 
 const SEEDS: u64 = 5;
@@ -56,7 +57,9 @@ fn a_weak_rotor_is_flown_through_on_every_kit_and_with_motion_capture_as_if_on_t
 
 #[test]
 fn a_rotor_that_is_gone_is_flown_without_on_motion_capture_and_on_satellites() {
-    let (truth_mm, _) = deviation_mm(&fly(&shipped("single_rotor_100"), ControllerName::Default, 1, SEEDS));
+    let (truth_mm, truth_worst_mm) =
+        deviation_mm(&fly(&shipped("single_rotor_100"), ControllerName::Default, 1, SEEDS));
+    println!("| `single_rotor_100` | truth | {truth_mm:.1} | {truth_worst_mm:.1} |");
     for kit in ["mocap", "gnss"] {
         let flights = fly(&on("single_rotor_100", kit), ControllerName::Default, 1, SEEDS);
         let (median_mm, worst_mm) = deviation_mm(&flights);
@@ -217,35 +220,53 @@ impl Floor {
     }
 }
 
-/// Nothing aboard knows better where it is than the receiver, nor which way is north than the compass; a calibrated one is good for half a degree.
-#[test]
-fn half_an_hour_on_satellites_errs_as_receiver_and_compass_do() {
-    let scenario = shipped("gnss_30_min");
-    let rows: Vec<_> = (1..=SEEDS)
+/// Half an hour in the wind, one flight a seed, on a receiver: what was flown, and what the sensors err by themselves.
+fn half_hours_on(part: GnssPart) -> Vec<(u64, Verdict, Floor)> {
+    let mut scenario = shipped("gnss_30_min");
+    scenario.sensors.as_mut().expect("it has sensors").gnss = Some(part);
+    (1..=SEEDS)
         .into_par_iter()
         .map(|seed| {
             let mut floor = Floor::default();
             let (ending, verdict) = judged(&scenario, seed, &mut |sample| floor.note(sample));
-            assert_eq!(ending, None, "seed {seed}");
+            assert_eq!(ending, None, "{part:?}, seed {seed}");
             (seed, verdict, floor)
         })
-        .collect();
-    for (seed, verdict, mut floor) in rows {
-        let receiver_m = share(&mut floor.horizontal_m, 0.95);
-        let [north_m, east_m, altitude_m] = floor.strayed_m.each_mut().map(|strayed_m| share(strayed_m, 0.95));
-        let axis_m = north_m.max(east_m);
-        let compass_deg = rms(&floor.heading_rad).to_degrees();
-        let levelled_deg = rms(&floor.levelled_rad).to_degrees();
-        println!(
-            "| {seed} | {:.2} | {receiver_m:.2} | {axis_m:.2} | {altitude_m:.2} | {:.2} | {:.2} | {:.2} | {levelled_deg:.2} | {compass_deg:.2} |",
-            verdict.of("horizontal_distance_95_m"),
-            verdict.of("tilt_rms_deg"),
-            verdict.of("heading_rms_deg"),
-            verdict.of("attitude_rms_deg"),
-        );
-        assert!(verdict.lost.is_empty(), "seed {seed}: {:?}", verdict.lost);
-        assert!(verdict.of("horizontal_distance_95_m") < receiver_m + 0.3, "seed {seed}");
-        assert!(verdict.of("attitude_rms_deg") < 0.5, "seed {seed}");
-        assert!(verdict.of("heading_rms_deg") < levelled_deg + 0.3, "seed {seed}");
+        .collect()
+}
+
+/// Nothing aboard knows better where it is than the receiver, nor which way is north than the compass; a calibrated one is good for half a degree.
+#[test]
+fn half_an_hour_on_satellites_errs_as_receiver_and_compass_do() {
+    for (part, beyond_max) in [(GnssPart::M10, 4), (GnssPart::F9p, 2), (GnssPart::F9pRtk, 0)] {
+        println!("{part:?}");
+        let rows = half_hours_on(part);
+        let nees: Vec<&[f64]> = rows.iter().map(|(_, verdict, _)| verdict.nees.as_slice()).collect();
+        let Consistency { mean, band, inside } = consistency(&nees).expect("they flew");
+        let mut beyond = 0;
+        for (seed, verdict, mut floor) in rows {
+            let receiver_m = share(&mut floor.horizontal_m, 0.95);
+            let [north_m, east_m, altitude_m] = floor.strayed_m.each_mut().map(|strayed_m| share(strayed_m, 0.95));
+            let axis_m = north_m.max(east_m);
+            let compass_deg = rms(&floor.heading_rad).to_degrees();
+            let levelled_deg = rms(&floor.levelled_rad).to_degrees();
+            let hover_m = verdict.of("horizontal_distance_95_m");
+            println!(
+                "| {seed} | {hover_m:.2} | {receiver_m:.2} | {axis_m:.2} | {altitude_m:.2} | {:.2} | {:.2} | {:.2} | {levelled_deg:.2} | {compass_deg:.2} | {:.1} |",
+                verdict.of("tilt_rms_deg"),
+                verdict.of("heading_rms_deg"),
+                verdict.of("attitude_rms_deg"),
+                verdict.of("nees_mean"),
+            );
+            beyond += u32::from(hover_m > 1.5);
+            assert!(verdict.lost.is_empty(), "{part:?}, seed {seed}: {:?}", verdict.lost);
+            assert!(hover_m < receiver_m + 0.35, "{part:?}, seed {seed}");
+            assert!(verdict.of("attitude_rms_deg") < 0.5, "{part:?}, seed {seed}");
+            assert!(verdict.of("heading_rms_deg") < levelled_deg + 0.3, "{part:?}, seed {seed}");
+        }
+        println!("NEES {mean:.1}, {:.1} to {:.1} at {:.0} % of the times", band.0, band.1, 100.0 * inside);
+        assert!(beyond <= beyond_max, "{part:?}: {beyond} beyond 1.5 m");
+        // An RTK receiver is better than it is taken for.
+        assert!(part == GnssPart::F9pRtk || (band.0..band.1).contains(&mean), "{part:?}: NEES {mean}");
     }
 }
