@@ -197,32 +197,33 @@ fn the_shipped_flight_is_flown_by_the_image_as_by_the_host_and_twice_the_same() 
 #[test]
 fn the_image_decides_what_the_host_decides_however_it_is_thrown_about() {
     let mut host = Host::new();
+    let mut before = thrown_about(0);
     fly(SECONDS, |_, motion, answer| {
         let record = answer.record.expect("it has begun");
-        agrees(&record, motion);
+        agrees(&record, &before, motion);
         host.follow(&record);
+        before = *motion;
     });
     assert_eq!(host.hashes[0], host.hashes[1]);
 }
 
-/// The sample must be what the body does, to half a count of the part's scales, or the end of its range.
-fn agrees(record: &Record, motion: &Motion) {
+/// The sample must be what the body has done since the last one, in which time it moved evenly from `before` to `motion`: the mean of four
+/// records, to half a count of the part's scales, or the end of its range.
+fn agrees(record: &Record, before: &Motion, motion: &Motion) {
     let imu = record.arrived.measurements.imu.expect("a sample each step").value;
     let (rate, force) = (imu.rate_rad_s, imu.specific_force_m_s2);
     let half_count = [2_000_f32.to_radians() / 65_536.0, 16.0 * 9.81 / 65_536.0];
     // The part's g is 9.80665 m/s², the core's 9.81.
     let scale = [0.0, 4e-4];
-    for (got, told, kind) in [
-        (rate.x, motion.rate_rad_s[0], 0),
-        (rate.y, motion.rate_rad_s[1], 0),
-        (rate.z, motion.rate_rad_s[2], 0),
-        (force.x, motion.force_m_s2[0], 1),
-        (force.y, motion.force_m_s2[1], 1),
-        (force.z, motion.force_m_s2[2], 1),
-    ] {
-        let range = half_count[kind] * 65_534.0;
-        let error = (got - told.clamp(-range, range)).abs();
-        assert!(error <= 1.01 * half_count[kind] + scale[kind] * told.abs(), "{got}, told {told}");
+    for (n, (rate, force)) in [(rate.x, force.x), (rate.y, force.y), (rate.z, force.z)].into_iter().enumerate() {
+        let kinds = [(rate, before.rate_rad_s, motion.rate_rad_s), (force, before.force_m_s2, motion.force_m_s2)];
+        for ((got, before, now), (half_count, scale)) in kinds.into_iter().zip(half_count.into_iter().zip(scale)) {
+            let range = half_count * 65_534.0;
+            let at = |quarter: f32| (before[n] + (now[n] - before[n]) * quarter / 4.0).clamp(-range, range);
+            let told = [1.0, 2.0, 3.0, 4.0].map(at).iter().sum::<f32>() / 4.0;
+            let error = (got - told).abs();
+            assert!(error <= 1.01 * half_count + scale * told.abs(), "{got}, told {told}");
+        }
     }
 }
 

@@ -66,8 +66,6 @@ pub(crate) struct Board {
     pub(crate) battery_v: f32,
     /// Whether the chip no longer sees the data-ready line.
     pub(crate) ready_line_broken: bool,
-    /// When the last sample became ready, core cycles.
-    ready_at: u64,
     /// Longest time from a sample to the first frame that was through after it, core cycles.
     pub(crate) latency_max: u64,
 }
@@ -81,7 +79,6 @@ impl Board {
             escs: std::array::from_fn(Esc::new),
             battery_v: 16.8,
             ready_line_broken: false,
-            ready_at: 0,
             latency_max: 0,
         }
     }
@@ -89,7 +86,6 @@ impl Board {
     /// Power comes on again.
     pub(crate) fn power_up(&mut self) {
         self.imu.power_up();
-        self.ready_at = 0;
     }
 
     /// Tells the inertial unit how the body moves: forward, right, down.
@@ -112,11 +108,7 @@ impl Board {
 
     /// What is due; the new level of the data-ready line, if that changes.
     pub(crate) fn event(&mut self, now: u64) -> Option<bool> {
-        let level = self.imu.event(now);
-        if level == Some(true) {
-            self.ready_at = now;
-        }
-        level.filter(|_| !self.ready_line_broken)
+        self.imu.event(now).filter(|_| !self.ready_line_broken)
     }
 
     /// A pulse on a motor's line.
@@ -124,8 +116,8 @@ impl Board {
         let esc = &mut self.escs[motor];
         let good = esc.good;
         esc.hear(pulse, CYCLES_US);
-        if esc.good > good && self.ready_at > 0 {
-            self.latency_max = self.latency_max.max(esc.through_at - self.ready_at);
+        if esc.good > good && self.imu.ready_at > 0 {
+            self.latency_max = self.latency_max.max(esc.through_at - self.imu.ready_at);
         }
     }
 

@@ -139,12 +139,12 @@ impl Machine {
         Load { cycles: state.chip.now, busy: state.busy, instructions: state.instructions }
     }
 
-    /// When the inertial unit has its next sample, core cycles, if it is on.
+    /// When the inertial unit is to be read next, core cycles, if it is on.
     pub fn next_sample(&self) -> Option<u64> {
-        self.state.borrow().chip.board.imu.next_sample()
+        self.state.borrow().chip.board.imu.next_ready()
     }
 
-    /// Core cycles between samples of the inertial unit.
+    /// Core cycles from one time that the inertial unit is to be read to the next.
     pub fn sample_period(&self) -> u64 {
         self.state.borrow().chip.board.imu.period()
     }

@@ -1,9 +1,9 @@
-//! The inertial unit on its bus: found by what it says it is, set up once, then one burst a data-ready edge; without edges, at the time of
+//! The inertial unit on its bus: found by what it says it is, set up once, then read at each edge of its line; without edges, at the time of
 //! one.
 //!
 //! Every few samples it must say who it is. While it does not, nothing that it says is believed.
 use embassy_time::{Duration, Instant, Timer, with_deadline};
-use firmware::icm42688::{self, READ, SAMPLE_HZ, WHO_AM_I};
+use firmware::icm42688::{self, BURSTS_MAX, FLUSH, Lost, READ, Records, SAMPLE_HZ, WHO_AM_I};
 use firmware::mpu6000;
 
 use crate::board::{self, IMU_MOUNT, ImuBus, ImuReady};
@@ -56,6 +56,14 @@ impl Part {
         }
     }
 
+    /// First register of its burst, and bytes with its address.
+    const fn burst(self) -> (u8, usize) {
+        match self {
+            Self::Icm42688 => icm42688::BURST,
+            Self::Mpu6000 => mpu6000::BURST,
+        }
+    }
+
     /// Fastest clock of its bursts, Hz.
     const fn burst_hz(self) -> u32 {
         match self {
@@ -99,11 +107,13 @@ impl Imu {
     pub(crate) async fn start(&mut self, hurry: bool) -> bool {
         let found = self.find().await;
         if let Some(part) = found {
-            self.part = part;
+            (self.part, self.known) = (part, true);
             if !(hurry && self.is_set_up().await) {
                 self.set_up().await;
             }
             self.clock(part.burst_hz());
+            // What was sampled before, or while the chip was reset, is of the past.
+            self.read().await;
         }
         self.due = Instant::now();
         found.is_some()
@@ -126,18 +136,28 @@ impl Imu {
         self.silent = silent;
     }
 
-    /// Reads the sample, if there is a new one.
+    /// Reads the sample, if there is a new one: of an ICM-42688-P, all that its FIFO holds. If that cannot be used it is flushed, and there is
+    /// no sample until four new ones are in it.
     pub(crate) async fn read(&mut self) -> Option<Sample> {
-        match self.part {
-            Part::Icm42688 => {
-                let burst = self.burst(icm42688::BURST.0).await?;
-                icm42688::sample(&burst, &IMU_MOUNT)
+        let mut burst = [0; icm42688::BURST.1];
+        let mut records = Records::default();
+        let (first, length) = self.part.burst();
+        for _ in 0..BURSTS_MAX {
+            burst[0] = first | READ;
+            if !(self.exchange(burst.get_mut(..length)?).await && self.known) {
+                return None;
             }
-            Part::Mpu6000 => {
-                let burst = self.burst(mpu6000::BURST.0).await?;
-                mpu6000::sample(&burst, &IMU_MOUNT)
+            match self.part {
+                Part::Mpu6000 => return mpu6000::sample(burst.first_chunk()?, &IMU_MOUNT),
+                Part::Icm42688 => match records.take(&burst) {
+                    Ok(true) => return records.mean(&IMU_MOUNT),
+                    Ok(false) => {}
+                    Err(Lost) => break,
+                },
             }
         }
+        self.write(FLUSH).await;
+        None
     }
 
     /// The part that is there, by what it says it is; it may still be waking.
@@ -157,13 +177,12 @@ impl Imu {
 
     async fn set_up(&mut self) {
         let (reset, reset_us) = self.part.reset();
-        for &register in reset {
-            self.write(register).await;
-            Timer::after_micros(reset_us).await;
-        }
         let (setup, start_us) = self.part.setup();
-        for &register in setup {
-            self.write(register).await;
+        for (registers, pause_us) in [(reset, reset_us), (setup, 0)] {
+            for &register in registers {
+                self.write(register).await;
+                Timer::after_micros(pause_us).await;
+            }
         }
         Timer::after_micros(start_us).await;
     }
@@ -190,14 +209,6 @@ impl Imu {
             self.clock(self.part.burst_hz());
         }
         Part::of(who) == Some(self.part)
-    }
-
-    /// A burst from a register on, if the part is known and the bus worked.
-    async fn burst<const N: usize>(&mut self, register: u8) -> Option<[u8; N]> {
-        let mut burst = [0; N];
-        *burst.first_mut()? = register | READ;
-        let through = self.exchange(&mut burst).await;
-        (through && self.known).then_some(burst)
     }
 
     // Apart, for what it panics of to be told from what else might (xtask/src/panics.rs).

@@ -68,8 +68,8 @@ pub fn sample(burst: &[u8; BURST.1], mount: &Mount) -> Option<Imu> {
     if burst[1] & NEW.1 != NEW.0 || !(TEMPERATURE_C.0..=TEMPERATURE_C.1).contains(&temperature_c) {
         return None;
     }
-    let force = [word(2), word(4), word(6)];
-    let rate = [word(10), word(12), word(14)];
+    let force = [word(2), word(4), word(6)].map(f32::from);
+    let rate = [word(10), word(12), word(14)].map(f32::from);
     let (rate, force) = (to_body(rate, RATE_RAD_S, mount), to_body(force, FORCE_M_S2, mount));
     Some(Imu { rate_rad_s: rate, specific_force_m_s2: force })
 }

@@ -39,7 +39,7 @@ const FIELD_UT: f32 = 100.0 / 3_000.0;
 /// The field that a burst says, µT; none beyond the part's range.
 pub fn field_ut(burst: &[u8; BURST.1], mount: &Mount) -> Option<Vec3<Body>> {
     let word = |at: usize| i16::from_le_bytes([burst[at], burst[at + 1]]);
-    (burst[6] & OVERFLOW == 0).then(|| to_body([word(0), word(2), word(4)], FIELD_UT, mount))
+    (burst[6] & OVERFLOW == 0).then(|| to_body([word(0), word(2), word(4)].map(f32::from), FIELD_UT, mount))
 }
 
 #[cfg(test)]

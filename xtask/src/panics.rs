@@ -69,14 +69,13 @@ const ALLOWED: [Allowed; 10] = [
 ];
 
 /// Functions that call through pointers, and where these lead.
-const INDIRECT: [(&str, &str); 7] = [
+const INDIRECT: [(&str, &str); 6] = [
     ("control_core::autopilot::Autopilot::watch", "the conditions of the failsafe table: roots of their own"),
     ("_$LT$embassy_stm32..dma..dma_bdma..Transfer", "wakers: the executor's"),
     ("_embassy_time_schedule_wake", "wakers: the executor's"),
     ("embassy_executor::raw::TaskStorage", "wakers: the executor's"),
     ("embassy_time_queue_utils::Queue::next_expiration", "wakers: the executor's"),
     ("firmware::imu::Imu::exchange", "wakers, where its transfers are inlined: the executor's"),
-    ("firmware::tasks::__control_task", "wakers, where the inertial unit's transfers are inlined: the executor's"),
 ];
 
 /// Instructions before a call in which the place of its panic is loaded.

@@ -1,43 +1,25 @@
 //! The inertial unit, an ICM-42688-P or an MPU-6000, as its registers show it.
 //!
-//! It samples by its own clock, at the rate set for the gyro, once gyro and accelerometer are on; each sample raises its
-//! line for 100 or 50 µs. What it samples is what it was last told of the motion ([`InertialUnit::feel`]), rounded to its scale and
-//! limited to its range. Filters, noise, FIFO, and that an MPU-6000's accelerometer has half as many samples, are not modelled: the
-//! simulator adds errors, FIFO registers do not answer.
+//! It samples by its own clock, at the rate set for the gyro, once gyro and accelerometer are on. A sample that is ready raises its line for
+//! a moment: each one, or of an ICM-42688-P's FIFO (`fifo.rs`) the one that reaches the watermark and those after it. What it samples is
+//! what it was last told of the motion ([`InertialUnit::feel`]), rounded to its scale and limited to its range. Filters, noise, and that an
+//! MPU-6000's accelerometer has half as many samples, are not modelled: the simulator adds errors.
 //!
 //! # Source
-//! TDK DS-000347 rev 1.6, chapter 14 "User bank 0 register map"; `InvenSense` RM-MPU-6000A-00 rev 4.2, chapter 4.
+//! TDK DS-000347 rev 1.6, chapters 6 "FIFO" and 14 "User bank 0 register map"; `InvenSense` RM-MPU-6000A-00 rev 4.2, chapter 4.
+mod fifo;
+mod registers;
+
 use crate::peripheral::NEVER;
+use fifo::{Fifo, PACKET};
+use registers::{
+    ACCEL_CONFIG0, ASYNC_RESET, DATA_READY, DEVICE_CONFIG, EACH_ABOVE, FAST_PULSES, FIFO_CONFIG, FIFO_CONFIG1,
+    FIFO_CONFIG2, FIFO_CONFIG3, FIFO_COUNTH, FIFO_COUNTL, FIFO_DATA, FULL, GYRO_ACCEL_CONFIG0, GYRO_CONFIG0,
+    INT_CONFIG1, INT_ENABLE, INT_SOURCE0, INT_STATUS, LAST_DATA, MPU_STATUS, PWR_MGMT_1, PWR_MGMT0, SIGNAL_RESET,
+    SMPLRT_DIV, TEMPERATURE, WATERMARK, WHO_AM_I, icm_shows, icm_takes, mpu_shows, mpu_takes, sample_hz,
+};
 
 const READ: u8 = 0x80;
-const DEVICE_CONFIG: u8 = 0x11;
-const INT_CONFIG: u8 = 0x14;
-const TEMPERATURE: u8 = 0x1d;
-const LAST_DATA: u8 = 0x2a;
-const INT_STATUS: u8 = 0x2d;
-const PWR_MGMT0: u8 = 0x4e;
-const GYRO_CONFIG0: u8 = 0x4f;
-const ACCEL_CONFIG0: u8 = 0x50;
-const GYRO_ACCEL_CONFIG0: u8 = 0x52;
-const INT_CONFIG0: u8 = 0x63;
-const INT_CONFIG1: u8 = 0x64;
-const INT_SOURCE0: u8 = 0x65;
-const BANK_SEL: u8 = 0x76;
-/// Of both.
-const WHO_AM_I: u8 = 0x75;
-/// Of an MPU-6000.
-const SMPLRT_DIV: u8 = 0x19;
-const CONFIG: u8 = 0x1a;
-const GYRO_CONFIG: u8 = 0x1b;
-const ACCEL_CONFIG: u8 = 0x1c;
-const INT_PIN_CFG: u8 = 0x37;
-const INT_ENABLE: u8 = 0x38;
-const MPU_STATUS: u8 = 0x3a;
-const MPU_LAST_DATA: u8 = 0x48;
-const SIGNAL_PATH_RESET: u8 = 0x68;
-const USER_CTRL: u8 = 0x6a;
-const PWR_MGMT_1: u8 = 0x6b;
-
 const GRAVITY_M_S2: f32 = 9.806_65;
 
 /// Which part it is.
@@ -50,18 +32,18 @@ pub enum Inertial {
 }
 
 impl Inertial {
-    /// How long its line is high, and how long it resets, µs.
-    const fn times_us(self) -> (u64, u64) {
+    /// How long it resets, µs.
+    const fn reset_us(self) -> u64 {
         match self {
-            Self::Icm42688 => (100, 1_000),
-            Self::Mpu6000 => (50, 100_000),
+            Self::Icm42688 => 1_000,
+            Self::Mpu6000 => 100_000,
         }
     }
 
     /// The register that says whether a sample is new, and the bit that does.
     const fn status(self) -> (u8, u8) {
         match self {
-            Self::Icm42688 => (INT_STATUS, 0x08),
+            Self::Icm42688 => (INT_STATUS, DATA_READY),
             Self::Mpu6000 => (MPU_STATUS, 0x01),
         }
     }
@@ -78,6 +60,25 @@ pub(crate) enum Answers {
     Garbage,
 }
 
+/// How it moves, along its own axes.
+#[derive(Clone, Copy, Debug, Default)]
+struct Motion {
+    /// Specific force, m/s², and rate, rad/s.
+    force_m_s2: [f32; 3],
+    rate_rad_s: [f32; 3],
+}
+
+impl Motion {
+    /// On the way to another one, of which it has gone a part.
+    fn towards(&self, other: &Self, part: f32) -> Self {
+        let between = |a: [f32; 3], b: [f32; 3]| std::array::from_fn(|n| a[n] + (b[n] - a[n]) * part);
+        Self {
+            force_m_s2: between(self.force_m_s2, other.force_m_s2),
+            rate_rad_s: between(self.rate_rad_s, other.rate_rad_s),
+        }
+    }
+}
+
 /// The part.
 #[derive(Debug)]
 pub(crate) struct InertialUnit {
@@ -86,9 +87,14 @@ pub(crate) struct InertialUnit {
     /// Address byte of the running transfer and the register it is at.
     transfer: Option<(bool, u8)>,
     selected: bool,
-    /// Specific force, m/s², and rate, rad/s, along the part's axes.
-    force_m_s2: [f32; 3],
-    rate_rad_s: [f32; 3],
+    motion: Motion,
+    /// When it is as it was last told, core cycles.
+    told_at: u64,
+    fifo: Fifo,
+    /// The count of the FIFO's bytes, its lower half, as of when the upper one was read.
+    count_low: u8,
+    /// When what is read at a pulse of its line began to be ready, core cycles.
+    pub(crate) ready_at: u64,
     /// Core cycles in a microsecond, for its clock.
     cycles_us: u64,
     next_sample: u64,
@@ -107,8 +113,11 @@ impl InertialUnit {
             registers: [0; 128],
             transfer: None,
             selected: false,
-            force_m_s2: [0.0; 3],
-            rate_rad_s: [0.0; 3],
+            motion: Motion::default(),
+            told_at: 0,
+            fifo: Fifo::default(),
+            count_low: 0,
+            ready_at: 0,
             cycles_us,
             next_sample: NEVER,
             falls_at: NEVER,
@@ -124,7 +133,7 @@ impl InertialUnit {
     /// Power comes on again.
     pub(crate) fn power_up(&mut self) {
         self.reset();
-        self.falls_at = NEVER;
+        (self.falls_at, self.ready_at) = (NEVER, 0);
     }
 
     fn reset(&mut self) {
@@ -134,7 +143,7 @@ impl InertialUnit {
                 (GYRO_CONFIG0, 0x06),
                 (ACCEL_CONFIG0, 0x06),
                 (GYRO_ACCEL_CONFIG0, 0x11),
-                (INT_CONFIG1, 0x10),
+                (INT_CONFIG1, ASYNC_RESET),
                 (INT_SOURCE0, 0x10),
                 (WHO_AM_I, 0x47),
             ],
@@ -149,11 +158,14 @@ impl InertialUnit {
             }
         }
         self.next_sample = NEVER;
+        self.fifo.flush();
     }
 
-    /// Tells the part how it moves: specific force, m/s², and rate, rad/s, along its own axes.
+    /// Tells the part how it moves when it is to be read next: specific force, m/s², and rate, rad/s, along its own axes.
     pub(crate) fn feel(&mut self, force_m_s2: [f32; 3], rate_rad_s: [f32; 3]) {
-        (self.force_m_s2, self.rate_rad_s) = (force_m_s2, rate_rad_s);
+        let (motion, at) = (Motion { force_m_s2, rate_rad_s }, self.next_ready().unwrap_or(0));
+        self.fifo.settle((self.told_at, &self.motion), (at, &motion));
+        (self.motion, self.told_at) = (motion, at);
     }
 
     /// Its select line.
@@ -186,8 +198,9 @@ impl InertialUnit {
                 u8::MAX
             }
             Some((read, register)) => {
-                // Consecutive registers in one transfer, the last one being 0x7f.
-                self.transfer = Some((read, (register + 1).min(0x7f)));
+                // Consecutive registers in one transfer, the last one being 0x7f; but the FIFO goes on where it is.
+                let stays = self.part == Inertial::Icm42688 && register == FIFO_DATA;
+                self.transfer = Some((read, if stays { register } else { (register + 1).min(0x7f) }));
                 if read { self.read(register) } else { self.write(register, byte, now) }
             }
         }
@@ -195,27 +208,8 @@ impl InertialUnit {
 
     fn read(&mut self, register: u8) -> u8 {
         let known = match self.part {
-            Inertial::Icm42688 => matches!(
-                register,
-                DEVICE_CONFIG
-                    | INT_CONFIG
-                    | TEMPERATURE..=INT_STATUS
-                    | PWR_MGMT0..=ACCEL_CONFIG0
-                    | GYRO_ACCEL_CONFIG0
-                    | INT_CONFIG0..=INT_SOURCE0
-                    | WHO_AM_I
-                    | BANK_SEL
-            ),
-            Inertial::Mpu6000 => {
-                matches!(
-                    register,
-                    SMPLRT_DIV..=ACCEL_CONFIG
-                        | INT_PIN_CFG..=INT_ENABLE
-                        | MPU_STATUS..=MPU_LAST_DATA
-                        | USER_CTRL..=PWR_MGMT_1
-                        | WHO_AM_I
-                )
-            }
+            Inertial::Icm42688 => icm_shows(register),
+            Inertial::Mpu6000 => mpu_shows(register),
         };
         if !known {
             self.unknown = Some(register);
@@ -224,7 +218,16 @@ impl InertialUnit {
         if register == self.part.status().0 {
             self.registers[usize::from(register)] = 0;
         }
-        value
+        match (self.part, register) {
+            (Inertial::Icm42688, FIFO_COUNTH) => {
+                let [high, low] = self.fifo.bytes().to_be_bytes();
+                self.count_low = low;
+                high
+            }
+            (Inertial::Icm42688, FIFO_COUNTL) => self.count_low,
+            (Inertial::Icm42688, FIFO_DATA) => self.fifo.read(),
+            _ => value,
+        }
     }
 
     fn write(&mut self, register: u8, value: u8, now: u64) -> u8 {
@@ -233,8 +236,10 @@ impl InertialUnit {
             return u8::MAX;
         }
         let (known, resets) = match self.part {
-            Inertial::Icm42688 => (icm_knows(register, value), register == DEVICE_CONFIG && value & 1 == 1),
-            Inertial::Mpu6000 => (mpu_knows(register, value), register == PWR_MGMT_1 && value & 0x80 != 0),
+            Inertial::Icm42688 => {
+                (icm_takes(register, value, &self.registers), register == DEVICE_CONFIG && value & 1 == 1)
+            }
+            Inertial::Mpu6000 => (mpu_takes(register, value), register == PWR_MGMT_1 && value & 0x80 != 0),
         };
         if !known {
             self.unknown = Some(register);
@@ -242,12 +247,15 @@ impl InertialUnit {
         self.registers[usize::from(register)] = value;
         if resets {
             self.reset();
-            self.resets_until = now + self.part.times_us().1 * self.cycles_us;
+            self.resets_until = now + self.part.reset_us() * self.cycles_us;
+        } else if (self.part, register) == (Inertial::Icm42688, SIGNAL_RESET) {
+            self.registers[usize::from(SIGNAL_RESET)] = 0;
+            self.fifo.flush();
         } else if matches!(
             (self.part, register),
             (Inertial::Icm42688, PWR_MGMT0 | GYRO_CONFIG0) | (Inertial::Mpu6000, PWR_MGMT_1 | SMPLRT_DIV)
         ) {
-            self.next_sample = if self.is_on() { now + self.period() } else { NEVER };
+            self.next_sample = if self.is_on() { now + self.sample_cycles() } else { NEVER };
         }
         u8::MAX
     }
@@ -260,18 +268,39 @@ impl InertialUnit {
         }
     }
 
-    /// Core cycles between samples.
-    pub(crate) fn period(&self) -> u64 {
+    fn sample_cycles(&self) -> u64 {
         let hz = match self.part {
-            Inertial::Icm42688 => sample_hz(self.registers[usize::from(GYRO_CONFIG0)] & 0xf).unwrap_or(1_000),
-            Inertial::Mpu6000 => 8_000 / (1 + u64::from(self.registers[usize::from(SMPLRT_DIV)])),
+            Inertial::Icm42688 => sample_hz(self.register(GYRO_CONFIG0) & 0xf).unwrap_or(1_000),
+            Inertial::Mpu6000 => 8_000 / (1 + u64::from(self.register(SMPLRT_DIV))),
         };
         1_000_000 * self.cycles_us / hz.max(1)
     }
 
-    /// When the next sample is ready, if the part is on.
-    pub(crate) fn next_sample(&self) -> Option<u64> {
-        (self.next_sample != NEVER).then_some(self.next_sample)
+    fn register(&self, register: u8) -> u8 {
+        self.registers[usize::from(register)]
+    }
+
+    /// Bytes of the FIFO at which it is to be read, if it is told to say so.
+    fn watermark(&self) -> Option<u16> {
+        let says = self.part == Inertial::Icm42688 && self.register(INT_SOURCE0) & WATERMARK != 0;
+        says.then(|| u16::from_le_bytes([self.register(FIFO_CONFIG2), self.register(FIFO_CONFIG3)]))
+    }
+
+    /// How many samples are read at a time, if none is late.
+    fn at_a_time(&self) -> u64 {
+        self.watermark().map_or(1, |bytes| u64::from(bytes) / PACKET as u64).max(1)
+    }
+
+    /// Core cycles from one time that it is to be read to the next.
+    pub(crate) fn period(&self) -> u64 {
+        self.sample_cycles() * self.at_a_time()
+    }
+
+    /// When it is to be read next, if the part is on.
+    pub(crate) fn next_ready(&self) -> Option<u64> {
+        let held = u64::from(self.fifo.bytes()) / PACKET as u64;
+        let more = self.at_a_time().saturating_sub(1 + held);
+        (self.next_sample != NEVER).then(|| self.next_sample + more * self.sample_cycles())
     }
 
     /// When INT1 changes next.
@@ -288,87 +317,74 @@ impl InertialUnit {
         if now < self.next_sample {
             return None;
         }
-        self.next_sample += self.period();
-        self.sample();
-        let register = |register: u8| self.registers[usize::from(register)];
-        let ready = match self.part {
-            Inertial::Icm42688 => register(INT_SOURCE0) & 0x08 != 0 && register(INT_CONFIG1) & 0x10 == 0,
-            Inertial::Mpu6000 => register(INT_ENABLE) & 0x01 != 0,
+        self.next_sample += self.sample_cycles();
+        let (says, pulse_us) = match self.part {
+            Inertial::Icm42688 => {
+                let fast = self.register(INT_CONFIG1) & FAST_PULSES == FAST_PULSES;
+                (self.sample_icm(now), if fast { 8 } else { 100 })
+            }
+            Inertial::Mpu6000 => {
+                self.show(MPU_STATUS + 1, [0, 1, 2, 6, 3, 4, 5]);
+                self.ready_at = now;
+                (self.register(INT_ENABLE) & 0x01 != 0, 50)
+            }
         };
-        if !ready {
-            return None;
-        }
-        self.falls_at = now + self.part.times_us().0 * self.cycles_us;
-        Some(true)
-    }
-
-    fn sample(&mut self) {
-        let rate_scale = 32_768.0 / 2_000_f32.to_radians();
-        let force_scale = 32_768.0 / (16.0 * GRAVITY_M_S2);
-        let force = self.force_m_s2.map(|force| force * force_scale);
-        let rate = self.rate_rad_s.map(|rate| rate * rate_scale);
-        // Zero is 25 °C of the one, 37 °C of the other.
-        let temperature = [0.0];
-        let (first, values) = match self.part {
-            Inertial::Icm42688 => (TEMPERATURE, [&temperature[..], &force, &rate]),
-            Inertial::Mpu6000 => (MPU_STATUS + 1, [&force[..], &temperature, &rate]),
-        };
-        for (n, value) in values.concat().into_iter().enumerate() {
-            // −32768 means that there is no sample.
-            let counts = value.round().clamp(-32_767.0, 32_767.0) as i16;
-            let at = usize::from(first) + 2 * n;
-            self.registers[at..at + 2].copy_from_slice(&counts.to_be_bytes());
-        }
         let (status, new) = self.part.status();
         self.registers[usize::from(status)] |= new;
+        if says {
+            self.falls_at = now + pulse_us * self.cycles_us;
+        }
+        says.then_some(true)
+    }
+
+    /// An ICM-42688-P samples; whether it says so.
+    fn sample_icm(&mut self, now: u64) -> bool {
+        self.show(TEMPERATURE, [6, 0, 1, 2, 3, 4, 5]);
+        let mut says = self.register(INT_SOURCE0) & DATA_READY != 0;
+        if says {
+            self.ready_at = now;
+        }
+        if self.register(FIFO_CONFIG) != 0 {
+            let before = self.fifo.bytes();
+            let full = self.fifo.push(&self.motion, now);
+            self.registers[usize::from(INT_STATUS)] |= if full { FULL } else { 0 };
+            if let Some(watermark) = self.watermark().filter(|&watermark| self.fifo.bytes() >= watermark) {
+                self.registers[usize::from(INT_STATUS)] |= WATERMARK;
+                let reached = before < watermark;
+                if reached {
+                    self.ready_at = now;
+                }
+                says |= reached || self.register(FIFO_CONFIG1) & EACH_ABOVE != 0;
+            }
+        }
+        says && self.register(INT_CONFIG1) & ASYNC_RESET == 0
+    }
+
+    /// Lets registers show the motion, word by word: force, rate, and a temperature of zero, which is 25 °C of the one part, 37 °C of the other.
+    fn show(&mut self, first: u8, order: [usize; 7]) {
+        let [fx, fy, fz, rx, ry, rz] = counts(&self.motion);
+        let words = [fx, fy, fz, rx, ry, rz, 0];
+        let shown = &mut self.registers[usize::from(first)..][..14];
+        for (word, n) in shown.chunks_exact_mut(2).zip(order) {
+            word.copy_from_slice(&words[n].to_be_bytes());
+        }
     }
 }
 
-/// Whether an ICM-42688-P's register is modelled with a value.
-fn icm_knows(register: u8, value: u8) -> bool {
-    match register {
-        DEVICE_CONFIG => value & !1 == 0,
-        // Pulsed, pushed, active high.
-        INT_CONFIG => value == 0x03,
-        PWR_MGMT0 => value & !0x0f == 0,
-        GYRO_CONFIG0 | ACCEL_CONFIG0 => sample_hz(value & 0xf).is_some() && value >> 5 == 0,
-        GYRO_ACCEL_CONFIG0 | INT_CONFIG0 | INT_CONFIG1 | INT_SOURCE0 => true,
-        BANK_SEL => value == 0,
-        _ => false,
-    }
-}
-
-/// Whether an MPU-6000's register is modelled with a value.
-fn mpu_knows(register: u8, value: u8) -> bool {
-    match register {
-        SMPLRT_DIV => true,
-        // The gyro at 8 kHz; 2000 °/s; 16 g; pulsed, pushed, active high; data ready alone.
-        CONFIG | INT_PIN_CFG => value == 0,
-        GYRO_CONFIG | ACCEL_CONFIG => value == 0x18,
-        INT_ENABLE => value & !1 == 0,
-        SIGNAL_PATH_RESET => value & !7 == 0,
-        USER_CTRL => value == 0x10,
-        PWR_MGMT_1 => matches!(value, 0x80 | 0x01 | 0x40),
-        _ => false,
-    }
-}
-
-/// Samples a second of an ODR field.
-fn sample_hz(field: u8) -> Option<u64> {
-    Some(match field {
-        0x3 => 8_000,
-        0x4 => 4_000,
-        0x5 => 2_000,
-        0x6 => 1_000,
-        0x7 => 200,
-        0x8 => 100,
-        0xf => 500,
-        _ => return None,
+/// What it says of a motion: force and rate, limited to its range.
+fn counts(motion: &Motion) -> [i16; 6] {
+    let rate_scale = 32_768.0 / 2_000_f32.to_radians();
+    let force_scale = 32_768.0 / (16.0 * GRAVITY_M_S2);
+    std::array::from_fn(|n| {
+        let value = if n < 3 { motion.force_m_s2[n] * force_scale } else { motion.rate_rad_s[n - 3] * rate_scale };
+        // −32768 means that there is no sample.
+        value.round().clamp(-32_767.0, 32_767.0) as i16
     })
 }
 
 #[cfg(test)]
 mod tests {
+    use super::registers::{CONFIG, GYRO_CONFIG};
     use super::*;
 
     fn transfer(part: &mut InertialUnit, bytes: &[u8], now: u64) -> Vec<u8> {
@@ -399,8 +415,96 @@ mod tests {
     #[test]
     fn a_register_that_is_not_modelled_is_noted() {
         let mut part = InertialUnit::new(Inertial::Icm42688, 168);
-        transfer(&mut part, &[0x16, 0x40], 0);
-        assert_eq!(part.unknown, Some(0x16));
+        transfer(&mut part, &[0x17, 0x40], 0);
+        assert_eq!(part.unknown, Some(0x17));
+    }
+
+    /// On from time 0, 8 kHz, watermark at four packets.
+    fn streaming() -> InertialUnit {
+        let mut part = InertialUnit::new(Inertial::Icm42688, 168);
+        let setup = [
+            (INT_CONFIG1, FAST_PULSES),
+            (FIFO_CONFIG, 0x40),
+            (FIFO_CONFIG2, 64),
+            (FIFO_CONFIG1, 0x47 | EACH_ABOVE),
+            (INT_SOURCE0, WATERMARK),
+            (GYRO_CONFIG0, 0x03),
+            (ACCEL_CONFIG0, 0x03),
+            (PWR_MGMT0, 0x0f),
+        ];
+        for (register, value) in setup {
+            transfer(&mut part, &[register, value], 0);
+        }
+        assert_eq!((part.unknown, part.period(), part.next_ready()), (None, 84_000, Some(84_000)));
+        part
+    }
+
+    /// Status, bytes that it holds, and as many of its packets' headers and first words of the rate.
+    fn burst(part: &mut InertialUnit, packets: usize) -> (u8, u16, Vec<(u8, i16)>) {
+        let answer = transfer(part, &[&[READ | INT_STATUS][..], &vec![0; 3 + 16 * packets]].concat(), 0);
+        let packets = answer[4..].chunks_exact(16);
+        let firsts = packets.map(|packet| (packet[0], i16::from_be_bytes([packet[7], packet[8]])));
+        (answer[1], u16::from_be_bytes([answer[2], answer[3]]), firsts.collect())
+    }
+
+    /// Runs for some samples; how often the line rose.
+    fn run(part: &mut InertialUnit, samples: u64) -> usize {
+        let end = part.next_sample + samples * part.sample_cycles();
+        let mut rose = 0;
+        while part.next_sample < end || part.falls_at != NEVER {
+            rose += usize::from(part.event(part.next()) == Some(true));
+        }
+        rose
+    }
+
+    #[test]
+    fn the_fifo_says_when_four_packets_are_in_it_and_at_each_after_that() {
+        let mut part = streaming();
+        assert_eq!((run(&mut part, 3), run(&mut part, 1), run(&mut part, 1)), (0, 1, 1));
+        assert_eq!(part.ready_at, 84_000, "at the fourth");
+        let (status, bytes, packets) = burst(&mut part, 4);
+        assert_eq!((status, bytes, packets), (DATA_READY | WATERMARK, 80, vec![(0x60, 0); 4]));
+        // The fifth, and none behind it.
+        assert_eq!(burst(&mut part, 2), (0, 16, vec![(0x60, 0), (0xff, -1)]));
+        assert_eq!(part.next_ready(), Some((5 + 4) * 21_000));
+        assert_eq!((run(&mut part, 3), run(&mut part, 1)), (0, 1), "four more");
+    }
+
+    #[test]
+    fn between_two_motions_that_it_is_told_of_the_body_moves_evenly() {
+        let mut part = streaming();
+        let rate = |counts: f32| [counts * 2_000_f32.to_radians() / 32_768.0, 0.0, 0.0];
+        run(&mut part, 3);
+        part.feel([0.0; 3], rate(400.0));
+        run(&mut part, 4);
+        part.feel([0.0; 3], rate(800.0));
+        run(&mut part, 2);
+        let (_, _, packets) = burst(&mut part, 9);
+        let rates: Vec<i16> = packets.into_iter().map(|(_, rate)| rate).collect();
+        // Of the first it was told nothing before; after the last it holds.
+        assert_eq!(rates, [100, 200, 300, 400, 500, 600, 700, 800, 800]);
+    }
+
+    #[test]
+    fn a_fifo_that_nobody_reads_keeps_the_newest_says_that_it_is_full_and_is_flushed() {
+        let mut part = streaming();
+        run(&mut part, 200);
+        let (status, bytes, _) = burst(&mut part, 0);
+        assert_eq!((status, bytes), (DATA_READY | WATERMARK | FULL, 2_048));
+        transfer(&mut part, &[SIGNAL_RESET, 0x02], 0);
+        assert_eq!(burst(&mut part, 1), (0, 0, vec![(0xff, -1)]));
+        // Four samples after the flush.
+        assert_eq!((part.next_ready().unwrap() - part.next_sample, run(&mut part, 4)), (3 * 21_000, 1));
+    }
+
+    #[test]
+    fn what_the_data_sheet_forbids_is_noted() {
+        let mut part = InertialUnit::new(Inertial::Icm42688, 168);
+        transfer(&mut part, &[GYRO_CONFIG0, 0x03], 0);
+        assert_eq!(part.unknown.take(), Some(GYRO_CONFIG0), "8 kHz with long pulses");
+        let mut part = streaming();
+        transfer(&mut part, &[FIFO_CONFIG2, 16], 0);
+        assert_eq!(part.unknown, Some(FIFO_CONFIG2), "another watermark while its interrupt is on");
     }
 
     #[test]
