@@ -132,9 +132,10 @@ pub struct EstimatorState {
     barometer_heard: Option<Source>,
     units: Units,
     rivals: Rivals,
-    /// Time of the last inertial sample, and of the last step of the covariance, µs.
+    /// Time of the last inertial sample, of the last step of the covariance, and of the last whose corrections were made, µs.
     time_us: u64,
     stepped_us: u64,
+    settled_us: u64,
     /// What of the present step no sample covered, s.
     gap_s: f32,
     /// The last sample, until it is settled.
@@ -166,6 +167,11 @@ impl EstimatorState {
     /// How the estimate is made at present.
     pub fn phase(&self) -> Phase {
         self.phase
+    }
+
+    /// Whether the last [`Estimator::sample`] had an inertial sample.
+    pub(crate) fn is_new(&self) -> bool {
+        self.due.is_some()
     }
 
     /// Whether filter and estimate may be believed.
@@ -272,8 +278,7 @@ impl Estimator {
 
     /// Takes in the rest of what arrived, and does what every 4 ms hangs on the samples; to be called once after each.
     pub fn settle<'a>(&self, state: &'a mut EstimatorState, measurements: &Measurements, now_us: u64) -> &'a Estimate {
-        self.admit(state, measurements, now_us);
-        let before = (state.stepped_us, state.phase);
+        let before = (state.settled_us, state.phase);
         let due = state.due.take();
         if let Some(due) = &due {
             match state.phase {
@@ -281,8 +286,10 @@ impl Estimator {
                 Phase::Running | Phase::FallenBack => self.correct(state, due),
             }
         }
-        // Between two steps of the covariance nothing changes of it but that samples fail to come.
-        if due.is_none() || before != (state.stepped_us, state.phase) {
+        // After the corrections: what is fused was there when the step of the covariance was closed.
+        self.admit(state, measurements, now_us);
+        // Between two corrections nothing changes of it but that samples fail to come.
+        if due.is_none() || before != (state.settled_us, state.phase) {
             self.judge(state, now_us);
         }
         &state.estimate

@@ -15,6 +15,8 @@ use super::strapdown::Nominal;
 use super::{Aided, Due, EARLY_US, Estimator, EstimatorState, GAP_S_MAX, PIECE_S, Phase, STEP_US};
 use crate::frames::{Body, Vec3};
 
+/// Samples as far apart as this each close a step of the covariance, s.
+const ALONE_S: f32 = (STEP_US - EARLY_US) as f32 * 1e-6;
 /// Fixed gains have the attitude again after this long, s.
 const RECOVERY_S: f32 = 3.0;
 
@@ -40,7 +42,7 @@ impl Estimator {
             state.fallen_s = 0.0;
         }
         state.aided = Aided { heading_us: imu.time_us, ..Aided::default() };
-        state.stepped_us = imu.time_us;
+        (state.stepped_us, state.settled_us) = (imu.time_us, imu.time_us);
         state.filter.history.push(imu.time_us, &state.filter.nominal);
     }
 
@@ -65,7 +67,7 @@ impl Estimator {
         rest.impatient.then(any).flatten().map(|q| (q, 1.0))
     }
 
-    /// The covariance, every 4 ms, and all that was let in since.
+    /// The covariance, every 4 ms; with the sample after that, all that was let in before it, so that no sample waits for both.
     pub(super) fn correct(&self, state: &mut EstimatorState, due: &Due) {
         let time_us = due.imu.time_us;
         if due.dt_s > GAP_S_MAX {
@@ -74,24 +76,38 @@ impl Estimator {
         if time_us.saturating_sub(state.stepped_us) + EARLY_US >= STEP_US {
             state.stepped_us = time_us;
             let span = state.filter.close_step(time_us);
-            match state.phase {
-                Phase::Running => {
-                    state.filter.predict(&self.config, &span, due.rate_rad_s, state.gap_s);
-                    state.units.doubt(&mut state.filter, span.length_s);
-                    self.fuse_pending(state, time_us);
-                }
-                _ => self.follow(state, time_us, span.length_s),
+            if state.phase == Phase::Running {
+                state.filter.predict(&self.config, &span, due.rate_rad_s, state.gap_s);
+                state.units.doubt(&mut state.filter, span.length_s);
+            } else {
+                self.follow(state, time_us, span.length_s);
+                self.settled(state);
             }
             state.gap_s = 0.0;
-            if !state.filter.is_sound() {
-                self.fall_back(state);
+            // Of samples as slow as that the next one closes a step as well.
+            if due.dt_s < ALONE_S {
+                return;
             }
-            state.fill_motion();
-            state.fill_slow();
+        }
+        if state.settled_us < state.stepped_us {
+            self.fuse_pending(state, state.stepped_us);
+            self.settled(state);
         }
     }
 
+    /// What follows from corrections made.
+    fn settled(&self, state: &mut EstimatorState) {
+        state.settled_us = state.stepped_us;
+        if !state.filter.is_sound() {
+            self.fall_back(state);
+        }
+        state.fill_motion();
+        state.fill_slow();
+    }
+
     /// A step with fixed gains; tries the filter again when they have had time.
+    #[cold]
+    #[inline(never)]
     pub(super) fn follow(&self, state: &mut EstimatorState, time_us: u64, span_s: f32) {
         complementary::follow_gravity(&mut state.filter, span_s);
         let pending = core::mem::take(&mut state.pending);
@@ -129,6 +145,8 @@ impl Estimator {
     }
 
     /// Gives the filter up for fixed gains, from the last estimate that was sound.
+    #[cold]
+    #[inline(never)]
     pub(super) fn fall_back(&self, state: &mut EstimatorState) {
         let last = &state.estimate;
         let mut nominal = self.at_rest(Quaternion::of(&last.attitude), last.gyro_bias_rad_s);

@@ -33,6 +33,7 @@ impl Estimator {
             rivals: Rivals::NEW,
             time_us: 0,
             stepped_us: 0,
+            settled_us: 0,
             gap_s: 0.0,
             due: None,
             fallen_s: 0.0,
@@ -77,7 +78,7 @@ impl Estimator {
         state.filter = Filter::new(&self.config, nominal, &start);
         state.filter.history.push(known.time_us, &state.filter.nominal);
         state.phase = Phase::Running;
-        (state.time_us, state.stepped_us) = (known.time_us, known.time_us);
+        (state.time_us, state.stepped_us, state.settled_us) = (known.time_us, known.time_us, known.time_us);
         state.aided.heading_us = known.time_us;
         state.estimate = *known;
         state
