@@ -223,6 +223,72 @@ fn a_lone_inertial_unit_that_falls_silent_is_named_at_once() {
     }
 }
 
+/// A lone unit that is silent for `lasts_s` in the gusts of a hover, with rotor 1 weak or not.
+fn silent_for(lasts_s: f64, rotor: bool, seed: u64) -> Flown {
+    let mut scenario = shipped("sorties/spares_outdoors");
+    let keys = scenario.sensors.as_mut().expect("a kit");
+    (keys.imus, keys.baros) = (1, 1);
+    scenario.duration_s = SENSOR_FAILS_S + 10.0;
+    let silent = |sensor| SensorFault {
+        kind: SensorFaultKind::Off,
+        sensor,
+        unit: 1,
+        axis: None,
+        from_s: SENSOR_FAILS_S,
+        until_s: SENSOR_FAILS_S + lasts_s,
+        profile: Profile::Step,
+    };
+    scenario.sensor_fault = vec![silent(Sensor::Gyro), silent(Sensor::Accelerometer)];
+    if rotor {
+        let kind = FaultKind::LossOfEffectiveness { loss: 0.4 };
+        let (rotors, from_s, until_s) = (Rotors::new([true, false, false, false]), 8.0, scenario.duration_s);
+        scenario.fault = vec![Fault { kind, rotors, from_s, until_s, profile: Profile::Step, reported: false }];
+    }
+    let flight = Flight { scenario: &scenario, controller: ControllerName::Default, seed, format: NumberFormat::F32 };
+    let (mut place, mut flown) = (None, Flown::default());
+    let ending = flight.fly(&mut |sample| {
+        let decision = sample.decision.expect("a sortie");
+        let [a, b, c, d] = decision.command.motors;
+        if sample.t_s >= SENSOR_FAILS_S {
+            let hovered = *place.get_or_insert(sample.truth.position_m);
+            flown.error_m = flown.error_m.max((sample.truth.position_m - hovered).norm());
+            flown.terminated |= !decision.command.armed;
+        }
+        if (SENSOR_FAILS_S + 0.02..SENSOR_FAILS_S + lasts_s).contains(&sample.t_s) {
+            let share = if rotor { 0.6 } else { 1.0 };
+            flown.uneven = flown.uneven.max((share * a - c).abs() + (b - d).abs());
+        }
+    });
+    flown.crashed = matches!(ending.expect("shipped gains are valid"), Some(Ending::Crashed(_)));
+    flown
+}
+
+#[derive(Debug, Default)]
+struct Flown {
+    error_m: f64,
+    /// Largest difference of what facing rotors make while nobody knows how it turns, shares of the largest thrust.
+    uneven: f32,
+    terminated: bool,
+    crashed: bool,
+}
+
+#[test]
+fn a_lone_inertial_unit_may_be_silent_for_80_ms_and_then_it_is_flown_on() {
+    for (lasts_s, rotor) in [(0.03, false), (0.08, false), (0.03, true), (0.08, true)] {
+        for seed in 1..=3 {
+            let flown = silent_for(lasts_s, rotor, seed);
+            println!("{lasts_s} s, rotor {rotor}, seed {seed}: {flown:?}");
+            assert!(
+                !flown.terminated && !flown.crashed && flown.error_m < 1.0,
+                "{lasts_s} s, {rotor}, {seed}: {flown:?}"
+            );
+            assert!(flown.uneven < if rotor { 0.1 } else { 0.01 }, "{lasts_s} s, {rotor}, {seed}: {flown:?}");
+        }
+    }
+    // Beyond the failsafe's patience the rotors are stopped.
+    assert!(silent_for(0.3, false, 1).terminated);
+}
+
 /// Of two inertial units that drift apart it is their biases that tell which is right.
 #[test]
 fn of_two_inertial_units_the_one_that_drifts_is_gone_by_in_nineteen_of_twenty_flights() {

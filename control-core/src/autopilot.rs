@@ -29,6 +29,7 @@ use core::hint::cold_path;
 use signals::{Acted, Plan, believed, sample};
 
 mod bench;
+mod coast;
 mod kept;
 mod signals;
 
@@ -370,6 +371,9 @@ impl Autopilot {
         if landed {
             state.guide = Guide::AT_REST;
             return Target::Ground { share: self.idle + state.feet.spooled() * self.spool };
+        }
+        if scene.level == Level::Nothing {
+            return Target::Coast;
         }
         state.guide.step(&self.guide, mode, scene)
     }

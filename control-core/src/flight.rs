@@ -126,8 +126,9 @@ impl Flight {
     ///
     /// - `now_us`: µs since boot.
     pub fn act(&mut self, now_us: u64, arrived: &Arrived) -> Command {
-        let estimate = self.estimator.sample(&mut self.state, &arrived.measurements, now_us);
-        self.helm.act(now_us, estimate)
+        self.estimator.sample(&mut self.state, &arrived.measurements, now_us);
+        let estimate = self.state.estimate();
+        if self.state.is_new() { self.helm.act(now_us, estimate) } else { self.helm.coast(now_us, estimate) }
     }
 
     /// Takes in all that arrived, and decides what the next sample is met with; to be called once after each [`Self::act`], with the same.
@@ -250,11 +251,28 @@ impl Helm {
     ///
     /// - `now_us`: µs since boot.
     pub fn act(&mut self, now_us: u64, estimate: &Estimate) -> Command {
+        self.advance(now_us);
+        let motors = self.autopilot.act(&mut self.state, estimate, self.dt_s);
+        self.command(motors)
+    }
+
+    /// The same where no estimate has come, and `estimate` is the one before.
+    #[cold]
+    #[inline(never)]
+    pub fn coast(&mut self, now_us: u64, estimate: &Estimate) -> Command {
+        self.advance(now_us);
+        let motors = self.autopilot.coast(&mut self.state, estimate, self.dt_s);
+        self.command(motors)
+    }
+
+    fn advance(&mut self, now_us: u64) {
         let elapsed_us = now_us.saturating_sub(self.acted_us.unwrap_or(now_us));
         self.acted_us = Some(now_us);
         // 32 bits have an hour in them, and an instruction to convert them.
         self.dt_s = u32::try_from(elapsed_us).unwrap_or(u32::MAX) as f32 * 1e-6;
-        let motors = self.autopilot.act(&mut self.state, estimate, self.dt_s);
+    }
+
+    fn command(&self, motors: [f32; 4]) -> Command {
         match motors.map(Scalar::sqrt) {
             speeds if self.is_armed() => Command::Run(speeds),
             speeds if speeds == [0.0; 4] => Command::Stop,

@@ -17,7 +17,7 @@
 //! | descend      | none; level, down               | tilt     |                  |
 //!
 //! Invariants: no failsafe's mode is left for a milder one while the failsafe acts; falling back takes one tick, coming back
-//! [`SETTLE_S`].
+//! [`SETTLE_S`]. While there is nothing, whatever the mode, the machine coasts: [`crate::Target::Coast`].
 use crate::estimate::Health;
 use crate::failsafe::Failsafe;
 use core::fmt;
@@ -85,7 +85,8 @@ impl fmt::Display for Level {
 /// How long an estimate must have been better before it is flown on, s: the modes do not flap with a poor satellite fix.
 pub const SETTLE_S: f32 = 1.0;
 
-/// The level that is flown on: falls at once, rises when the better one has lasted [`SETTLE_S`].
+/// The level that is flown on: falls at once, rises when the better one has lasted [`SETTLE_S`]. While there is nothing,
+/// for want of an inertial sample, nothing is judged: after that it is flown on as before.
 #[derive(Clone, Copy, Debug)]
 pub struct Trust {
     level: Level,
@@ -105,6 +106,9 @@ impl Trust {
 
     /// Takes what one estimate allows; returns what is flown on.
     pub fn step(&mut self, now: Level, dt_s: f32) -> Level {
+        if now == Level::Nothing {
+            return now;
+        }
         if now <= self.level {
             *self = Self { level: now, ..Self::NONE };
             return now;
@@ -326,6 +330,10 @@ mod tests {
         assert_eq!(offer(Level::Altitude, 0.01), Level::Tilt);
         assert_eq!(offer(Level::Position, 0.6), Level::Altitude, "the least that was offered");
         assert_eq!(offer(Level::Position, 1.1), Level::Position);
+        assert_eq!(offer(Level::Nothing, 0.05), Level::Nothing);
+        assert_eq!(offer(Level::Position, 0.01), Level::Position, "as before");
+        assert_eq!(offer(Level::Nothing, 0.05), Level::Nothing);
+        assert_eq!(offer(Level::Altitude, 0.01), Level::Altitude, "no better than it is");
     }
 
     #[test]

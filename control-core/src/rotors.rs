@@ -28,6 +28,7 @@ use crate::spin::{Regulators, Spin, SpinConfig, Spinning};
 use crate::{Demand, Scalar};
 
 mod alarm;
+mod coast;
 mod health;
 mod lag;
 mod lost;

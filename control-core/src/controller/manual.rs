@@ -42,6 +42,8 @@ pub enum Target {
         /// Command of every motor, share of full.
         share: f32,
     },
+    /// No torque, and the thrust that was: nobody knows how it turns.
+    Coast,
     /// Body rates.
     Rates {
         /// Wanted, rad/s.
@@ -69,7 +71,7 @@ impl Target {
     pub fn setpoint(&self) -> Setpoint {
         match *self {
             Self::Position(setpoint) => setpoint,
-            Self::Ground { .. } | Self::Rates { .. } | Self::Angles { .. } => Input::hovering().setpoint,
+            Self::Ground { .. } | Self::Coast | Self::Rates { .. } | Self::Angles { .. } => Input::hovering().setpoint,
         }
     }
 }
@@ -124,13 +126,14 @@ impl Controller {
     /// - Returns the thrusts.
     ///
     /// [`Target::Position`] is [`Self::act`]. On the ground the state is that of a hover about to begin: nothing is learnt from
-    /// what the feet do. A target or a sample that is not plausible changes nothing, as there.
+    /// what the feet do. A target or a sample that is not plausible changes nothing, as there; nor does [`Target::Coast`] but the thrusts.
     pub fn act_toward(&self, state: &mut State, input: &Input, target: &Target) -> Output {
         match *target {
             Target::Ground { share } => {
                 *state = self.hover_state();
                 Output { thrust_n: self.allocator.alike(share), rejected: false }
             }
+            Target::Coast => self.coast(state, true, input.dt_s),
             Target::Rates { rate_rad_s, thrust_n } => {
                 self.act_by_hand(state, input, &Hand { rate_rad_s, tilt_rad: None, lift: Lift::Thrust(thrust_n) })
             }
@@ -140,6 +143,26 @@ impl Controller {
             }
             Target::Position(_) => *self.act(state, input),
         }
+    }
+
+    /// A tick without a sample, in the air: the thrusts stay as they are, or what torque they make is taken away.
+    ///
+    /// - `level`: take it away. A torque asked for by a sample that is old turns it ever faster.
+    /// - Returns the thrusts, rejected.
+    #[cold]
+    #[inline(never)]
+    pub fn coast(&self, state: &mut State, level: bool, dt_s: f32) -> Output {
+        if let Some(rotors) = &self.rotors {
+            let dt_s = dt_s.max(self.dt_s_range.0).min(self.dt_s_range.1);
+            rotors.coast(&mut state.rotors, &state.output.thrust_n, dt_s);
+        }
+        if level {
+            let made_n = state.output.thrust_n.iter().zip(&state.rotors.shares).map(|(told_n, share)| told_n * share);
+            let demand = Demand { thrust_n: made_n.sum(), ..Demand::NOTHING };
+            state.take(self.allocator.allocate_weakened(&demand, &state.rotors.shares));
+        }
+        state.output.rejected = true;
+        state.output
     }
 
     fn act_by_hand(&self, state: &mut State, input: &Input, hand: &Hand) -> Output {
@@ -338,6 +361,28 @@ mod tests {
                 assert!(tick_toward(&controller, &mut state, &input, &target).rejected, "{target:?}");
                 state.output.rejected = false;
                 assert_eq!(format!("{state:?}"), format!("{:?}", controller.hover_state()));
+            }
+        }
+    }
+
+    #[test]
+    fn without_a_sample_it_coasts_on_the_thrust_that_was_and_no_torque() {
+        for controller in controllers() {
+            let mut state = controller.hover_state();
+            let mut input = Input::hovering();
+            (input.rate_rad_s.x, input.position_m.z) = (-1.0, 0.3);
+            let told_n = controller.tick(&mut state, &input).thrust_n;
+            assert!((told_n[0] - told_n[2]).abs() + (told_n[1] - told_n[3]).abs() > 0.1, "{told_n:?}");
+            for _ in 0..3 {
+                let coasting = tick_toward(&controller, &mut state, &input, &Target::Coast);
+                assert!(coasting.rejected);
+                for n in coasting.thrust_n {
+                    assert!(
+                        (4.0 * n - told_n.iter().sum::<f32>()).abs() < 1e-4,
+                        "{:?}, told {told_n:?}",
+                        coasting.thrust_n
+                    );
+                }
             }
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! | fact      | needs                                                                                           |
 //! |-----------|-------------------------------------------------------------------------------------------------|
-//! | rates     | an inertial sample that was believed, within 20 ms                                              |
+//! | rates     | an inertial sample that was believed, within 15 ms                                              |
 //! | tilt      | rates; aligned; σ within its limit                                                              |
 //! | heading   | tilt; σ within its limit                                                                        |
 //! | altitude  | tilt; a source of altitude within the dead-reckoning time; σ of altitude and climb within limits |

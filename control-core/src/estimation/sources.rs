@@ -79,10 +79,10 @@ impl Source {
         Self::Vision,
     ];
 
-    /// Silence that is a fault, µs: ten samples of a slow part of the kind.
+    /// Silence that is a fault, µs: ten samples of a slow part of the kind; of the inertial unit, what the machine may fly on blindly.
     pub const fn silence_us_max(self) -> u64 {
         match self {
-            Self::Inertial | Self::InertialSecond => 20_000,
+            Self::Inertial | Self::InertialSecond => 15_000,
             Self::Gnss => 1_000_000,
             Self::Barometer | Self::BarometerSecond | Self::Magnetometer | Self::Range => 500_000,
             Self::Flow | Self::Vision => 200_000,
