@@ -169,11 +169,16 @@ fn the_shipped_flight_is_flown_by_the_image_as_by_the_host_and_twice_the_same() 
     let scenario = shipped("image/flight_on_the_image").for_image(&root()).expect("made for it");
     let ((flown, board, end), (_, again, _)) =
         rayon::join(|| through_emulator(&scenario), || through_emulator(&scenario));
-    let Board { emulated_s, wall_s, load, latency_max_s, verdict, log } = &board;
+    let Board { emulated_s, wall_s, load, latency_max_s, taken, verdict, log } = &board;
     for [image, host] in &verdict.seconds {
         println!("image {image:08x}, host {host:08x}");
     }
-    println!("{emulated_s:.1} s in {wall_s:.1} s, load {load:.3}, worst {:.0} us", 1e6 * latency_max_s);
+    println!("{emulated_s:.1} s in {wall_s:.1} s, load {load:.3}, worst {:.0} us; {taken:?}", 1e6 * latency_max_s);
+    for (task, cycles) in taken.tasks.iter().filter(|(task, _)| task != "embassy_main") {
+        // What follows the frames runs without a pause: a step is no longer than both together.
+        let before_s = if task == "control" { *latency_max_s } else { 0.0 };
+        assert!(before_s + *cycles as f64 / CORE_HZ < 1.0 / f64::from(SAMPLE_HZ), "{task}: {cycles} cycles");
+    }
     assert_eq!(verdict.parting, None);
     assert!(verdict.commands > 70 * SAMPLE_HZ, "{}", verdict.commands);
     assert_eq!((&again.verdict, &again.log), (verdict, log), "another flight");

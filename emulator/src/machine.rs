@@ -149,9 +149,11 @@ impl Machine {
         self.state.borrow().chip.board.imu.period()
     }
 
-    /// Times these tasks from now on.
-    pub fn watch_tasks(&mut self, tasks: Vec<Task>) {
-        self.state.borrow_mut().tasks.watch(tasks);
+    /// The same, which times these tasks from now on.
+    #[must_use]
+    pub fn watching(self, tasks: &[Task]) -> Self {
+        self.state.borrow_mut().tasks.watch(tasks.to_vec());
+        self
     }
 
     /// The tasks that are timed.

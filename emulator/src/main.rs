@@ -44,11 +44,11 @@ struct Cli {
 fn main() -> Result<()> {
     let cli = Cli::parse();
     let image = Image::open(&cli.image)?;
+    let tasks = Task::all(&cli.image, &image)?;
     if cli.pipe {
-        return Ok(pipe::serve(&image, BufReader::new(stdin().lock()), BufWriter::new(stdout().lock()))?);
+        return Ok(pipe::serve(&image, &tasks, BufReader::new(stdin().lock()), BufWriter::new(stdout().lock()))?);
     }
-    let mut machine = Machine::new(&image)?;
-    machine.watch_tasks(Task::all(&cli.image, &image)?);
+    let mut machine = Machine::new(&image)?.watching(&tasks);
     let started = Instant::now();
     let mut station = cli.station.map(Station::bind).transpose()?;
     let seconds = cli.seconds.unwrap_or(if station.is_some() { f64::INFINITY } else { SECONDS });

@@ -14,6 +14,7 @@
 //! | `h`             | nothing: answers what the station has heard                                 |
 //! | `i`             | u8: the board carries 0 an ICM-42688-P, 1 an MPU-6000; before its first period |
 //! | `z`             | nothing: answers whether the buzzer sounds                                  |
+//! | `a`             | nothing: answers what the tasks have taken, if they are watched             |
 //! | `p`             | 2 × f32: static pressure, Pa, and temperature, °C, at the barometer; holds  |
 //! | `g`             | 3 × f32: magnetic field, µT, forward, right, down; holds                    |
 //! | `u`             | the satellite receiver sends this fix now, unless it was told to send fewer: 2 × i32 latitude and longitude, 1e-7°; 7 × f32 height above the ellipsoid, m, velocity north, east, down, m/s, its own errors horizontal, vertical, m, and of speed, m/s, 1 σ; u8 kind of fix, 3 in three dimensions; u8 satellites |
@@ -34,8 +35,9 @@
 //! |         | u32 words of the image's record of its last step, and those; u32 bytes of its log since the last answer, and those, UTF-8 |
 //! | `h`     | u32 how often power has been off; u32 bytes that the station has heard since it last asked, and those |
 //! | `z`     | u8: 1 the buzzer sounds, 0 it does not                                                              |
+//! | `a`     | u32 bytes of stack and u32 of these used; u32 tasks, and of each: u32 bytes of its name, and those, UTF-8; u64 longest run without a pause, cycles |
 //! | `x`     | u32 bytes of why the run has ended, and those, UTF-8; nothing follows                              |
-use crate::{Failure, Fix, Health, Image, Inertial, Line, Log, Machine, Part, Telemetry};
+use crate::{Failure, Fix, Health, Image, Inertial, Line, Log, Machine, Part, Task, Telemetry};
 use flight_link::VisionPose;
 use std::io::{self, ErrorKind, Read, Write};
 
@@ -46,12 +48,12 @@ const BOOT_MAX: u64 = 5 * 168_000_000;
 /// The image's record of its last step, a sequence number before it.
 const RECORD: &str = "LAST_STEP";
 
-/// Serves a program until it ends its side.
+/// Serves a program until it ends its side, and watches these tasks.
 ///
 /// # Errors
 /// If the pipe breaks, or a message is none. What the image does wrong goes to the other side.
-pub fn serve(image: &Image, mut input: impl Read, mut output: impl Write) -> io::Result<()> {
-    let start = || Ok((Machine::new(image)?, Log::new(image)?, image.variable(RECORD)?));
+pub fn serve(image: &Image, tasks: &[Task], mut input: impl Read, mut output: impl Write) -> io::Result<()> {
+    let start = || Ok((Machine::new(image)?.watching(tasks), Log::new(image)?, image.variable(RECORD)?));
     let (mut machine, mut log, record) = match start() {
         Ok(parts) => parts,
         Err(failure) => return refuse(&mut output, &failure),
@@ -109,8 +111,8 @@ pub fn serve(image: &Image, mut input: impl Read, mut output: impl Write) -> io:
                 input.read_exact(&mut noise)?;
                 machine.send_bytes(line, &noise);
             }
-            b'w' => match Machine::with_uptime(image, u32::from_le_bytes(bytes(&mut input)?)) {
-                Ok(begun) => machine = begun,
+            b'w' => match Machine::with_uptime(image, number(&mut input)?) {
+                Ok(begun) => machine = begun.watching(tasks),
                 Err(failure) => return refuse(&mut output, &failure),
             },
             b'k' => {
@@ -135,6 +137,10 @@ pub fn serve(image: &Image, mut input: impl Read, mut output: impl Write) -> io:
                 output.write_all(&(told.len() as u32).to_le_bytes())?;
                 output.write_all(&told)?;
             }
+            b'a' => match taken(&machine) {
+                Ok(answer) => output.write_all(&answer)?,
+                Err(failure) => return refuse(&mut output, &failure),
+            },
             b'n' => match step(&mut machine, &mut log, record) {
                 Ok(answer) => output.write_all(&answer)?,
                 Err(failure) => return refuse(&mut output, &failure),
@@ -194,6 +200,22 @@ fn step(machine: &mut Machine, log: &mut Log, record: (u32, usize)) -> Result<Ve
     answer.extend(machine.memory(address, length)?);
     // Writing to a vector cannot fail.
     let _ = text(&mut answer, &log.lines(machine)?.join("\n"));
+    Ok(answer)
+}
+
+/// What stack and tasks have taken.
+fn taken(machine: &Machine) -> Result<Vec<u8>, Failure> {
+    let (bytes, used) = machine.stack()?;
+    let tasks = machine.tasks();
+    let mut answer = vec![b'a'];
+    for number in [bytes, used, tasks.len() as u32] {
+        answer.extend(number.to_le_bytes());
+    }
+    for Task { name, cycles_max, .. } in &tasks {
+        // Writing to a vector cannot fail.
+        let _ = text(&mut answer, name);
+        answer.extend(cycles_max.to_le_bytes());
+    }
     Ok(answer)
 }
 

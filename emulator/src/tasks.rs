@@ -36,7 +36,9 @@ struct Running {
 /// The tasks that are watched.
 #[derive(Debug, Default)]
 pub(crate) struct Tasks {
-    tasks: Vec<Task>,
+    all: Vec<Task>,
+    /// A bit for each address, modulo 64 halfwords, at which one begins: most blocks are none, and there are many.
+    begin: u64,
     /// The innermost last: it preempts the others.
     running: Vec<Running>,
 }
@@ -83,12 +85,14 @@ fn body(loader: &Loader, address: u64) -> Option<String> {
 impl Tasks {
     /// Watches these from now on.
     pub(crate) fn watch(&mut self, tasks: Vec<Task>) {
-        self.tasks = tasks;
+        self.begin = tasks.iter().fold(0, |bits, task| bits | bit(task.entry));
+        self.all = tasks;
     }
 
     /// The core is about to run a block at `address`; `registers` are the link register and the stack pointer.
     pub(crate) fn block(&mut self, address: u32, now: u64, registers: impl FnOnce() -> (u32, u32)) {
-        let begins = self.tasks.iter().position(|task| task.entry == address);
+        let may_begin = self.begin & bit(address) != 0;
+        let begins = self.all.iter().position(|task| may_begin && task.entry == address);
         let ends = self.running.last().is_some_and(|running| running.back.0 == address);
         if begins.is_none() && !ends {
             return;
@@ -101,7 +105,7 @@ impl Tasks {
         {
             self.running.pop();
             let took = now - since;
-            self.tasks[task].cycles_max = self.tasks[task].cycles_max.max(took);
+            self.all[task].cycles_max = self.all[task].cycles_max.max(took);
             for outer in &mut self.running {
                 outer.since += took;
             }
@@ -114,8 +118,12 @@ impl Tasks {
     }
 
     pub(crate) fn all(&self) -> &[Task] {
-        &self.tasks
+        &self.all
     }
+}
+
+fn bit(address: u32) -> u64 {
+    1 << (address / 2 % 64)
 }
 
 #[cfg(test)]

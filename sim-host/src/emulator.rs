@@ -47,6 +47,15 @@ pub struct Answer {
     pub log: String,
 }
 
+/// What the image has taken of the chip.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Taken {
+    /// Of the stack, and how large it is, bytes.
+    pub stack_bytes: (u32, u32),
+    /// Each task, and the longest that it ran without a pause, core cycles; interrupts are counted in, tasks that preempt it are not.
+    pub tasks: Vec<(String, u64)>,
+}
+
 /// Why the image does not run, or no longer.
 #[derive(Debug, thiserror::Error)]
 pub enum EmulatorError {
@@ -247,6 +256,24 @@ impl Emulator {
             [b'z', sounds] => Ok(sounds != 0),
             _ => Err(EmulatorError::Pipe(io::Error::other("no answer of the buzzer"))),
         }
+    }
+
+    /// What stack and tasks have taken since the board was switched on.
+    ///
+    /// # Errors
+    /// As [`Self::period`].
+    pub fn taken(&mut self) -> Result<Taken, EmulatorError> {
+        self.say(b'a', []);
+        self.send()?;
+        if self.bytes()? != *b"a" {
+            return Err(EmulatorError::Stopped(self.text()?));
+        }
+        let (bytes, used) = (u32::from_le_bytes(self.bytes()?), u32::from_le_bytes(self.bytes()?));
+        let mut tasks = Vec::new();
+        for _ in 0..u32::from_le_bytes(self.bytes()?) {
+            tasks.push((self.text()?, u64::from_le_bytes(self.bytes()?)));
+        }
+        Ok(Taken { stack_bytes: (used, bytes), tasks })
     }
 
     /// Lets one period of the inertial unit pass. The first is the whole boot.

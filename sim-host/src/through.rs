@@ -9,7 +9,7 @@
 //! the image as its parts would tell them, quantised by their registers. What the image believes is read of the host's
 //! `Twin`, which is given what the image has decoded and must decide the same to the bit.
 use crate::aboard::HELD_S;
-use crate::emulator::{Answer, Emulator, EmulatorError};
+use crate::emulator::{Answer, Emulator, EmulatorError, Taken};
 use crate::fault::sensors::SensorFault;
 use crate::flight::{Ending, Flight, Sample};
 use crate::machine::{Machine, Moment};
@@ -63,6 +63,8 @@ pub struct Board {
     pub load: f64,
     /// Longest time from an inertial sample to a motor frame through after it, s.
     pub latency_max_s: f64,
+    /// Of the stack, and by each task.
+    pub taken: Taken,
     /// Whether the host has decided the same.
     pub verdict: Verdict,
     /// What the image has logged.
@@ -158,6 +160,7 @@ fn fly(flight: &Flight, observe: &mut dyn FnMut(&Sample)) -> Result<(Option<Endi
         wall_s: began.elapsed().as_secs_f64(),
         load: (last.1 - first.1) as f64 / (last.0 - first.0).max(1) as f64,
         latency_max_s: answer.map_or(0.0, |last| last.latency_max as f64 / CORE_HZ),
+        taken: image.emulator.taken()?,
         verdict: image.twin.finish(),
         log: image.log,
     };

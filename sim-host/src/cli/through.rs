@@ -4,7 +4,7 @@ use crate::controllers::ControllerName;
 use crate::flight::{Flight, NumberFormat, Sample};
 use crate::metrics::{Flown, fly_measured};
 use crate::scenario::Scenario;
-use crate::through::{self, Board};
+use crate::through::{self, Board, CORE_HZ};
 use clap::ValueEnum;
 use std::path::Path;
 
@@ -65,7 +65,7 @@ impl Through {
 
 /// What a flight took of the board, and whether the host has decided the same.
 pub(super) fn summary(board: &Board) -> String {
-    let Board { emulated_s, wall_s, load, latency_max_s, verdict, .. } = board;
+    let Board { emulated_s, wall_s, load, latency_max_s, taken, verdict, .. } = board;
     let seconds: Vec<String> = verdict.seconds.iter().map(|[image, _]| format!("{image:08x}")).collect();
     let lines = seconds.chunks(SECONDS_A_LINE).enumerate();
     let lines = lines.map(|(line, hashes)| format!("{:5}  {}", line * SECONDS_A_LINE + 1, hashes.join(" ")));
@@ -74,12 +74,17 @@ pub(super) fn summary(board: &Board) -> String {
         None => format!("the host decides the same: of {} commands no bit differs", verdict.commands),
         Some(parting) => format!("the host decides otherwise: {parting}"),
     };
+    let tasks: Vec<String> =
+        taken.tasks.iter().map(|(name, cycles)| format!("{name} {:.0}", *cycles as f64 / CORE_HZ * 1e6)).collect();
+    let (used, bytes) = taken.stack_bytes;
     format!(
         "hash of the image's commands, second by second since boot\n{hashes}\n{verdict}\n\
-         load {:.1} %, from sample to motor frame {:.0} us at worst\n\
+         load {:.1} %, from sample to motor frame {:.0} us at worst; stack {used} of {bytes} bytes\n\
+         each task without a pause at most, us: {}\n\
          {emulated_s:.1} s of board in {wall_s:.1} s: {:.2} times real time\n",
         100.0 * load,
         1e6 * latency_max_s,
+        tasks.join(", "),
         emulated_s / wall_s,
     )
 }
