@@ -338,7 +338,7 @@ fn without_its_data_ready_line_the_inertial_unit_is_read_by_time_and_flown_on() 
 fn an_inertial_unit_that_says_nothing_or_anything_is_not_believed_and_the_motors_stop() {
     for mishap in [Mishap::AllZeros, Mishap::AllOnes, Mishap::Garbage] {
         let After { turned_s, blind_s, log, .. } = idling_then(mishap);
-        // They go on as they were told, and stop when the autopilot has had no rates for 0.1 s.
+        // They stop when the autopilot has had no rates for 0.1 s.
         assert!(turned_s <= 0.13, "{mishap:?}: {turned_s} s");
         assert!(blind_s > 0.9, "{mishap:?}: {blind_s} s");
         assert!(!log.contains("watchdog"), "{mishap:?}: {log}");

@@ -1,7 +1,7 @@
-//! What speed controllers answer, and what the buzzer says. On the emulator, in the image that is flashed.
+//! What speed controllers answer, what the motors are told when the inertial unit fails, and what the buzzer says. On the emulator, in the image that is flashed.
 //!
 //! Needs cmake and libclang (`cargo xtask setup`), and so a feature: `cargo test --features emulated --test emulated_motors`.
-use sim_host::emulator::Telemetry;
+use sim_host::emulator::{Mishap, Telemetry};
 use system_tests::aloft::{Aloft, Hands, SAMPLE_HZ};
 
 /// What became of the rotors' speeds.
@@ -108,5 +108,36 @@ fn the_buzzer_says_that_arming_was_refused_that_it_is_armed_and_that_it_is_not_a
         }
         assert_eq!(heard, sounds, "arm {arm} until {until_s} s");
         assert_eq!((samples + SAMPLE_HZ / 20) / (SAMPLE_HZ / 10), tenths, "arm {arm} until {until_s} s: {samples}");
+    }
+}
+
+#[test]
+fn an_inertial_unit_that_fails_as_it_rolls_takes_the_torque_away_within_20_ms_and_then_the_motors() {
+    for mishap in [Mishap::AllZeros, Mishap::AllOnes, Mishap::Garbage] {
+        let mut aloft = Aloft::on_the_ground();
+        // The stick pulls it over just then: its rotors are told to turn it.
+        while aloft.time_s() < 10.0 {
+            let (t_s, truth) = (aloft.time_s(), aloft.truth());
+            let (error_m, sink_m_s) = (0.6 * (t_s - 6.5) - truth.altitude_m(), truth.velocity_m_s.z);
+            let throttle = if t_s > 6.5 { (0.42 + 0.25 * error_m + 0.15 * sink_m_s).clamp(0.0, 0.9) } else { 0.0 };
+            let roll = if t_s > 9.93 { 0.8 } else { 0.0 };
+            aloft.step(&Hands { arm: t_s > 6.0, throttle, roll, ..Hands::default() });
+        }
+        let apart = |aloft: &Aloft| {
+            let told = aloft.answer.told.map(|told| told.expect("it turns"));
+            told.iter().max().expect("four") - told.iter().min().expect("four")
+        };
+        assert!(aloft.truth().altitude_m() > 0.3 && apart(&aloft) > 50, "{mishap:?}: {:?}", aloft.answer.told);
+        aloft.inflict(mishap);
+        let (mut torque_s, mut turned_s) = (0.0, 0.0);
+        while aloft.time_s() < 10.2 {
+            aloft.step(&Hands { arm: true, throttle: 0.5, roll: 0.8, ..Hands::default() });
+            let since_s = aloft.time_s() - 10.0;
+            if aloft.answer.told.iter().flatten().any(|&told| told > 0) {
+                (torque_s, turned_s) = (if apart(&aloft) > 1 { since_s } else { torque_s }, since_s);
+            }
+        }
+        println!("{mishap:?}: torque for {torque_s:.4} s, turned for {turned_s:.4} s");
+        assert!(torque_s <= 0.02 && turned_s <= 0.13, "{mishap:?}: torque {torque_s} s, turned {turned_s} s");
     }
 }
