@@ -33,7 +33,7 @@ pub struct AidingNoise {
     pub gnss_vertical_m: f32,
     /// Satellite velocity, least, m/s.
     pub gnss_m_s: f32,
-    /// What a satellite position may be off by for minutes, m: multipath and the sky's delays; at most what the receiver says of it.
+    /// What a satellite position may be off by for minutes, m: multipath and the sky's delays.
     pub gnss_bias_m: f32,
     /// Barometric altitude, m.
     pub barometer_m: f32,

@@ -175,10 +175,12 @@ impl Estimator {
         };
         let (aiding, fix, mut verdict) = (&self.config.aiding, &gnss.value, Verdict::NONE);
         let sigma_m = (fix.horizontal_m.max(aiding.gnss_horizontal_m), fix.vertical_m.max(aiding.gnss_vertical_m));
-        // What lasts is part of what the receiver owns to.
-        let lasting_m = aiding.gnss_bias_m.min(fix.horizontal_m);
-        let mut fixed =
-            Position::new(&past, fix.position_m, sigma_m, Lasting { sigma: lasting_m, samples: Some(PLACE_SAMPLES) });
+        let mut fixed = Position::new(
+            &past,
+            fix.position_m,
+            sigma_m,
+            Lasting { sigma: aiding.gnss_bias_m, samples: Some(PLACE_SAMPLES) },
+        );
         let speed_m_s = fix.speed_m_s.max(aiding.gnss_m_s);
         let moved = observe::velocity(&past, fix.velocity_m_s, speed_m_s);
         fixed.steady = self.is_steady(state, Source::Gnss, &mut verdict, fixed.observations().chain(&moved));
