@@ -10,12 +10,14 @@
 //! | vision computer        | USART1                             |
 //! | station                | USART3                             |
 //! | buzzer                 | PC15                               |
+//! | microSD card           | SPI3, PB3 to PB5, select PC14      |
 //! | battery, through 1 : 11 | ADC1 channel 10                   |
 //!
 //! # Source
 //! As `firmware/src/board/speedybee_f405_v4.rs`, where it is cited.
 use crate::device::esc::{Esc, Heard};
 use crate::device::inertial_unit::{Inertial, InertialUnit};
+use crate::device::sd_card::SdCard;
 use crate::device::sensor_bus::SensorBus;
 use crate::device::ublox::Ublox;
 use crate::peripheral::timer::Pulse;
@@ -40,6 +42,11 @@ pub(crate) const VISION_BAUD: u32 = 921_600;
 pub(crate) const SENSORS: usize = 0;
 pub(crate) const SENSOR_PINS: [(usize, u32); 2] = [(1, 8), (1, 9)];
 pub(crate) const SENSOR_FUNCTION: u32 = 4;
+/// The card's bus, counted from zero, its pins and their alternate function, and its select line.
+pub(crate) const CARD: usize = 2;
+pub(crate) const CARD_PINS: [(usize, u32); 3] = [(1, 3), (1, 4), (1, 5)];
+pub(crate) const CARD_FUNCTION: u32 = 6;
+pub(crate) const CARD_SELECT: (usize, u32) = (2, 14);
 /// The station's port, counted from zero, and its speed, bit/s.
 pub(crate) const STATION: usize = 2;
 pub(crate) const STATION_BAUD: u32 = 115_200;
@@ -62,6 +69,7 @@ pub(crate) struct Board {
     pub(crate) imu: InertialUnit,
     pub(crate) sensors: SensorBus,
     pub(crate) gnss: Ublox,
+    pub(crate) card: SdCard,
     pub(crate) escs: [Esc; 4],
     pub(crate) battery_v: f32,
     /// Whether the chip no longer sees the data-ready line.
@@ -76,6 +84,7 @@ impl Board {
             imu: InertialUnit::new(Inertial::Icm42688, CYCLES_US),
             sensors: SensorBus::new(CYCLES_US),
             gnss: Ublox::new(CYCLES_US),
+            card: SdCard::new(CYCLES_US),
             escs: std::array::from_fn(Esc::new),
             battery_v: 16.8,
             ready_line_broken: false,
@@ -86,6 +95,7 @@ impl Board {
     /// Power comes on again.
     pub(crate) fn power_up(&mut self) {
         self.imu.power_up();
+        self.card.power_up();
     }
 
     /// Tells the inertial unit how the body moves: forward, right, down.
@@ -103,7 +113,11 @@ impl Board {
 
     /// Answers a word on a bus.
     pub(crate) fn exchange(&mut self, spi: usize, word: u16, now: u64) -> u16 {
-        if spi == 0 { self.imu.exchange(word as u8, now).into() } else { u16::MAX }
+        match spi {
+            0 => self.imu.exchange(word as u8, now).into(),
+            CARD => self.card.exchange(word as u8, now).into(),
+            _ => u16::MAX,
+        }
     }
 
     /// What is due; the new level of the data-ready line, if that changes.

@@ -40,6 +40,7 @@ mod unit;
 
 pub use device::esc::Telemetry;
 pub use device::inertial_unit::Inertial;
+pub use device::sd_card::Busy;
 pub use device::sensor_bus::Health;
 pub use device::ublox::Fix;
 pub use image::Image;

@@ -10,6 +10,8 @@
 //! | `f`             | u8: 0 the core goes where there is no code, 1 the program hangs with interrupts masked, 2 the data-ready line breaks, 3 what runs below interrupts hangs, 4 a panic, 5 the supply drops for a moment, 6 and 7 the inertial unit's data line stays low or high, 8 the unit answers anything, 9 power is off for a moment, 10 the stack is used up |
 //! | `k`             | u32 words programmed and sectors erased after which power is cut, u8 whether the next one is done in part; power comes back at once |
 //! | `e`             | u32 address, u32 bytes, and those: fills flash as somebody may have left it |
+//! | `o`             | u32 bytes, and those: path, UTF-8, of the file that is the content of a card which is put in now; of none, it is pulled out |
+//! | `j`             | 3 × u32: how long the card takes to program a block, µs; how long now and then, µs; once in how many blocks that is |
 //! | `l`             | u8 bytes, and those: the station sends them now                             |
 //! | `h`             | nothing: answers what the station has heard                                 |
 //! | `i`             | u8: the board carries 0 an ICM-42688-P, 1 an MPU-6000; before its first period |
@@ -37,9 +39,10 @@
 //! | `z`     | u8: 1 the buzzer sounds, 0 it does not                                                              |
 //! | `a`     | u32 bytes of stack and u32 of these used; u32 tasks, and of each: u32 bytes of its name, and those, UTF-8; u64 longest run without a pause, cycles |
 //! | `x`     | u32 bytes of why the run has ended, and those, UTF-8; nothing follows                              |
-use crate::{Failure, Fix, Health, Image, Inertial, Line, Log, Machine, Part, Task, Telemetry};
+use crate::{Busy, Failure, Fix, Health, Image, Inertial, Line, Log, Machine, Part, Task, Telemetry};
 use flight_link::VisionPose;
 use std::io::{self, ErrorKind, Read, Write};
+use std::path::Path;
 
 /// Cycles between the end of a period and the next sample: longer than any block of code.
 const BEFORE_SAMPLE: u64 = 2_000;
@@ -125,6 +128,17 @@ pub fn serve(image: &Image, tasks: &[Task], mut input: impl Read, mut output: im
                 if let Err(failure) = machine.fill_flash(address, &content) {
                     return refuse(&mut output, &failure);
                 }
+            }
+            b'o' => {
+                let count = number(&mut input)?;
+                let file = String::from_utf8(many(&mut input, count as usize)?).map_err(io::Error::other)?;
+                if let Err(failure) = machine.put_card(Some(Path::new(&file)).filter(|_| count > 0)) {
+                    return refuse(&mut output, &failure);
+                }
+            }
+            b'j' => {
+                let [usual_us, long_us, long_every] = [number(&mut input)?, number(&mut input)?, number(&mut input)?];
+                machine.set_card_busy(Busy { usual_us, long_us, long_every });
             }
             b'l' => {
                 let [count] = bytes(&mut input)?;

@@ -83,7 +83,15 @@ impl Chip {
             }
             Unit::Timer(n) => self.timers[n].catch_up(t),
             Unit::Spi(n) => {
+                let muxed =
+                    |(port, pin): (usize, u32)| self.gpio[port].mode(pin) == Mode::Alternate(board::CARD_FUNCTION);
+                if n == board::CARD && !board::CARD_PINS.into_iter().all(muxed) {
+                    self.fail("the card's bus is used without its pins".to_owned());
+                }
                 let answer = self.board.exchange(n, self.spi[n].sent(), t.now);
+                if let Some(what) = self.board.card.unknown.take() {
+                    self.fail(what);
+                }
                 self.spi[n].receive(answer, t);
                 if let Some(register) = self.board.imu.unknown.take() {
                     self.fail(format!("the inertial unit's register {register:#04x} is not modelled as it is used"));
@@ -149,6 +157,11 @@ impl Chip {
         if port == select_port {
             let low = !self.gpio[port].level(pin);
             self.board.imu.select(low);
+        }
+        let (select_port, pin) = board::CARD_SELECT;
+        if port == select_port {
+            let low = !self.gpio[port].level(pin);
+            self.board.card.select(low);
         }
     }
 

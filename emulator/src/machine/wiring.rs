@@ -15,6 +15,8 @@ pub(super) const FLASH_BYTES: u32 = 1024 * 1024;
 pub(super) const LOOP: (u32, [u8; 2]) = (FLASH_START + 768 * 1024 - 2, [0xfe, 0xe7]);
 pub(super) const RAM_START: u32 = 0x2000_0000;
 pub(super) const RAM_BYTES: u32 = 128 * 1024;
+/// RAM of the core alone: no DMA reaches it.
+const CORE_RAM: (u64, u64) = (0x1000_0000, 64 * 1024);
 /// Unicorn maps whole pages.
 const PAGE: u64 = 4096;
 /// Peripherals: APB and AHB1, AHB2, the core's own.
@@ -130,6 +132,7 @@ pub(super) fn wire(state: &Rc<RefCell<State>>) -> Result<Unicorn<'static, ()>, u
     unicorn.mem_write(FLASH_START.into(), &vec![0xff; FLASH_BYTES as usize])?;
     unicorn.mem_write(LOOP.0.into(), &LOOP.1)?;
     unicorn.mem_map(RAM_START.into(), RAM_BYTES.into(), Prot::ALL)?;
+    unicorn.mem_map(CORE_RAM.0, CORE_RAM.1, Prot::READ | Prot::WRITE)?;
     for (base, bytes) in PERIPHERALS {
         debug_assert!(bytes % PAGE == 0);
         let (reader, writer) = (Rc::clone(state), Rc::clone(state));

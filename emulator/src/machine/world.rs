@@ -1,12 +1,15 @@
 //! What the world does to the board: motion, air, field, what receivers hear, and mishaps.
 use super::Machine;
 use super::wiring::{LOOP, RAM_START};
+use crate::Failure;
 use crate::board;
 use crate::device::crsf;
 use crate::device::esc::Telemetry;
+use crate::device::sd_card::Busy;
 use crate::device::sensor_bus::Health;
 use crate::device::ublox::Fix;
 use flight_link::{FRAME_BYTES_MAX, ToBoard, VisionPose, encode};
+use std::path::Path;
 use unicorn_engine::RegisterARM as R;
 
 /// An address without memory.
@@ -108,6 +111,20 @@ impl Machine {
     pub fn derail(&mut self) {
         self.close_here();
         self.cpu.set(R::PC, NOWHERE | 1);
+    }
+
+    /// Puts a card into its slot, whose content is this file, or pulls the one that is there.
+    ///
+    /// # Errors
+    /// If the file cannot be opened.
+    pub fn put_card(&mut self, file: Option<&Path>) -> Result<(), Failure> {
+        let put = self.state.borrow_mut().chip.board.card.put(file);
+        put.map_err(|error| Failure(format!("the card, {}: {error}", file.unwrap_or(Path::new("none")).display())))
+    }
+
+    /// Sets how long the card takes to program a block.
+    pub fn set_card_busy(&mut self, busy: Busy) {
+        self.state.borrow_mut().chip.board.card.set_busy(busy);
     }
 
     /// Lets the program hang where it is, interrupts masked or not.
