@@ -1,5 +1,6 @@
 //! Hands the linker its scripts, for the image only.
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::{env, fs, io};
 
 fn main() -> io::Result<()> {
@@ -16,6 +17,7 @@ fn main() -> io::Result<()> {
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return Ok(());
     }
+    name_commit();
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     // `link.x` includes `memory.x`, the one in the root whatever else is on the path, and that this.
     fs::copy(memory, out.join("board.x"))?;
@@ -25,4 +27,18 @@ fn main() -> io::Result<()> {
         println!("cargo:rustc-link-arg-bins={argument}");
     }
     Ok(())
+}
+
+/// Tells the image the commit of its sources, for its flight logs; whatever else is in the work tree is not told.
+fn name_commit() {
+    let git = |arguments: &[&str]| {
+        let output = Command::new("git").args(arguments).output().ok().filter(|output| output.status.success())?;
+        Some(String::from_utf8(output.stdout).ok()?.trim().to_owned())
+    };
+    let commit = git(&["rev-parse", "--short=12", "HEAD"]).unwrap_or_else(|| "unknown".to_owned());
+    println!("cargo:rustc-env=COMMIT={commit}");
+    // Every commit and checkout is noted there.
+    if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"]).filter(|log| Path::new(log).exists()) {
+        println!("cargo:rerun-if-changed={log}");
+    }
 }

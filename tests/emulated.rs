@@ -12,7 +12,7 @@ use sim_host::plant::Truth;
 use sim_host::scenario::Scenario;
 use sim_host::through::{self, Board};
 use std::f32::consts::TAU;
-use system_tests::aloft::{Aloft, Hands, SAMPLE_HZ};
+use system_tests::aloft::{Aloft, ByHand, Hands, SAMPLE_HZ};
 use system_tests::{root, shipped};
 
 /// How long it is thrown about, s.
@@ -91,21 +91,10 @@ fn it_arms_takes_off_loses_part_of_a_rotor_lands_and_disarms_as_the_host_would()
     let mut aloft = Aloft::on_the_ground();
     let mut host = Host::new();
     let (mut tilt_rad, mut hover_m, mut ran) = (0.0_f64, Vec::new(), 0);
-    let mut climb = 0.0;
+    let mut pilot = ByHand::default();
     while aloft.time_s() < 23.5 {
         let (t_s, truth) = (aloft.time_s(), aloft.truth());
-        // The pilot sees the machine, and holds it over the pad by hand.
-        let wanted_m = (0.6 * (t_s - 6.5)).clamp(0.0, 1.5).min(0.5 * (19.5 - t_s));
-        let (error_m, sink_m_s) = (wanted_m - truth.altitude_m(), truth.velocity_m_s.z);
-        climb = (climb + 0.0001 * error_m).clamp(0.0, 0.2);
-        let flies = (6.5..20.5).contains(&t_s);
-        let lean = |position_m: f64, velocity_m_s: f64| (-0.10 * position_m - 0.15 * velocity_m_s).clamp(-0.4, 0.4);
-        let hands = Hands {
-            roll: lean(truth.position_m.y, truth.velocity_m_s.y),
-            pitch: lean(truth.position_m.x, truth.velocity_m_s.x),
-            throttle: if flies { (0.42 + climb + 0.25 * error_m + 0.15 * sink_m_s).clamp(0.0, 0.9) } else { 0.0 },
-            arm: (6.0..22.0).contains(&t_s),
-        };
+        let hands = pilot.hands(t_s, &truth);
         if t_s > 12.5 {
             // A chipped propeller.
             aloft.actuation.drives[1].share = 0.85;

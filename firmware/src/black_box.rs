@@ -10,14 +10,14 @@ use firmware::record::{Record, WORDS};
 #[unsafe(link_section = ".uninit.last_step")]
 static LAST_STEP: [AtomicU32; 1 + WORDS] = [const { AtomicU32::new(0) }; 1 + WORDS];
 
-/// Keeps a record. Only the control task calls this.
-pub(crate) fn keep(record: &Record) {
+/// Keeps the words of a record. Only the control task calls this.
+pub(crate) fn keep(record: &[u32; WORDS]) {
     let [sequence, words @ ..] = &LAST_STEP;
     let before = sequence.load(Ordering::Relaxed) & !1;
     sequence.store(before.wrapping_add(1), Ordering::Relaxed);
     fence(Ordering::Release);
-    for (kept, word) in words.iter().zip(record.to_words()) {
-        kept.store(word, Ordering::Relaxed);
+    for (kept, word) in words.iter().zip(record) {
+        kept.store(*word, Ordering::Relaxed);
     }
     sequence.store(before.wrapping_add(2), Ordering::Release);
 }

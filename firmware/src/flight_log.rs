@@ -69,6 +69,7 @@ impl Block {
     }
 
     /// Appends `content` whole; false if there is no room for it, and nothing changes then.
+    #[inline]
     pub fn put(&mut self, content: &[u8]) -> bool {
         let start = HEAD + self.used;
         let end = start + content.len();
@@ -128,6 +129,11 @@ pub fn open(bytes: &[u8; BLOCK_BYTES]) -> Result<Opened<'_>, BlockError> {
     let used = usize::from(u16::from_le_bytes([u0, u1]));
     let content = checked[HEAD..].get(..used).ok_or(BlockError::Garbled)?;
     Ok(Opened { kind, number: u32::from_le_bytes([n0, n1, n2, n3]), content })
+}
+
+/// Whether these bytes begin as a block does, torn or of another version as it may be.
+pub fn is_log(bytes: &[u8; BLOCK_BYTES]) -> bool {
+    bytes.starts_with(&MAGIC)
 }
 
 #[cfg(test)]

@@ -17,6 +17,7 @@ pub mod erpm;
 pub mod flight;
 pub mod flight_log;
 pub mod icm42688;
+pub mod log_file;
 pub mod mpu6000;
 pub mod pace;
 pub mod pilot;

@@ -11,6 +11,8 @@
 mod black_box;
 #[cfg(target_os = "none")]
 mod board;
+#[cfg(all(target_os = "none", feature = "flight-log"))]
+mod card;
 #[cfg(target_os = "none")]
 mod fault;
 #[cfg(target_os = "none")]
@@ -23,6 +25,8 @@ mod kept;
 mod line;
 #[cfg(target_os = "none")]
 mod motors;
+#[cfg(all(target_os = "none", feature = "flight-log"))]
+mod recorder;
 #[cfg(target_os = "none")]
 mod restart;
 #[cfg(target_os = "none")]

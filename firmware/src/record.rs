@@ -35,6 +35,10 @@ const ORDER_SHIFT: u32 = 24;
 /// Three bits from here on, the motor to be turned, 1 to 4; 0 for all.
 const MOTOR_SHIFT: u32 = 26;
 
+/// What comes less often than inertial samples and rotors' speeds: without any of these, words 16 to 51 are 0.
+pub(crate) const SLOW: u32 =
+    HAS_PILOT | HAS_BARO | HAS_FIELD | HAS_GNSS | HAS_VISION | ARM | FIXED | 0xff << MODE_SHIFT;
+
 /// One step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Record {

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! data ready ─► control, interrupt executor ─┬─► motors
-//!                  ▲                         └─ one report a second, lock-free queue ─► log, thread executor
+//!                  ▲                         ├─ each step, lock-free queue ─► flight log, thread executor
+//!                  │                         └─ one report a second, lock-free queue ─► log, thread executor
 //!                  └─ newest of each ─ radio, battery, station and the slow sensors, thread executor
 //! ```
 //!
@@ -31,6 +32,8 @@ use crate::gnss::{GNSS, locate};
 use crate::imu::Imu;
 use crate::line;
 use crate::motors::Motors;
+#[cfg(feature = "flight-log")]
+use crate::recorder::{self, Recorder};
 use crate::restart;
 use crate::sensors::{BARO_ALTITUDE_M, BAROMETER_FOUND, MAGNETIC_UT, sense};
 use crate::station::{self, SNAPSHOT};
@@ -54,6 +57,13 @@ const REPORTS: usize = 4;
 type Reports = Queue<Report, { REPORTS + 1 }>;
 type Reporter = Producer<'static, Report>;
 type Reader = Consumer<'static, Report>;
+
+/// Whom control tells of its steps.
+struct Listeners {
+    reports: Reporter,
+    #[cfg(feature = "flight-log")]
+    recorder: Recorder,
+}
 
 /// The newest of what arrives slowly.
 pub(crate) type Newest<T> = Signal<CriticalSectionRawMutex, Stamped<T>>;
@@ -113,7 +123,17 @@ pub(crate) fn start(spawner: Spawner) {
     }
     let motors = Motors::new(motors, ear, &parameters);
     let valid = loaded.is_valid();
-    let control = control(flight, resumed, valid, imu, motors, watchdog, producer).expect("control is started once");
+    let listeners = Listeners {
+        reports: producer,
+        #[cfg(feature = "flight-log")]
+        recorder: {
+            let (recorder, blocks) = recorder::queue();
+            let keep = recorder::keep(board.card, recorder::Flown { parameters, resumed }, blocks);
+            spawner.spawn(keep.expect("keep is started once"));
+            recorder
+        },
+    };
+    let control = control(flight, resumed, valid, imu, motors, watchdog, listeners).expect("control is started once");
     board::start_control_executor().spawn(control);
     spawner.spawn(listen(radio).expect("listen is started once"));
     spawner.spawn(sense(sensors).expect("sense is started once"));
@@ -141,7 +161,7 @@ async fn control(
     mut imu: Imu,
     mut motors: Motors,
     mut watchdog: Watchdog,
-    mut reports: Reporter,
+    mut listeners: Listeners,
 ) -> ! {
     let found = imu.start(resumed).await;
     let mut tally = Tally::new(SAMPLE_HZ);
@@ -172,7 +192,10 @@ async fn control(
         flight.decide(time_us, &arrived);
         number = number.wrapping_add(1);
         let record = Record { step: number, time_us, arrived, command };
-        black_box::keep(&record);
+        let words = record.to_words();
+        black_box::keep(&words);
+        #[cfg(feature = "flight-log")]
+        listeners.recorder.note(&words);
         restart::keep(flight, number, time_us);
         if let Some(decision) = flight.helm().decision() {
             FACTS.lock(|facts| facts.set(facts.get().and(decision)));
@@ -194,7 +217,7 @@ async fn control(
         if let Some(report) = tally.close(late) {
             let report = Report { answers: motors.take_heard(), ..report };
             // A full queue means that the log hangs, and then there is nobody to tell.
-            let _ = reports.enqueue(report);
+            let _ = listeners.reports.enqueue(report);
         }
     }
 }

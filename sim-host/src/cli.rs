@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use through::Through;
 
+mod card;
 mod detect;
 mod estimate;
 mod fly;
@@ -51,6 +52,8 @@ enum Command {
     Sensors(sensors::SensorsArgs),
     /// Fly on the sensors, and print how wrong the estimate was beside the truth, and whether it knew.
     Estimate(estimate::EstimateArgs),
+    /// Make the file on a card that a board fills with its flight logs.
+    Card(card::CardArgs),
     /// Decide once more what a board's flight log was decided on, and compare every motor command bit by bit.
     Replay(replay::ReplayArgs),
     /// Print the parameters of the flight logic: names, ranges, values.
@@ -125,6 +128,7 @@ pub fn run() -> ExitCode {
         Command::Limits(args) => limits::limits(args),
         Command::Sensors(args) => sensors::sensors(args),
         Command::Estimate(args) => estimate::estimate(args),
+        Command::Card(args) => card::card(args),
         Command::Replay(args) => replay::replay(args),
         Command::Params(args) => params::params(args),
         Command::Station(args) => station::station(args),

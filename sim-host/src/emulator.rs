@@ -8,11 +8,13 @@ use control_core::measurement::{Gnss, Vision};
 use firmware::record::{Record, WORDS};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use std::io::{self, BufRead, BufReader, Read, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
-use std::sync::{Mutex, PoisonError};
 
 mod kinds;
+mod parts;
+
+use parts::{Parts, parts};
 
 pub use kinds::{Health, Line, Mishap, Part, Telemetry};
 
@@ -79,44 +81,25 @@ pub struct Emulator {
     said: Vec<u8>,
 }
 
-/// Executable of the emulator and ELF of the image.
-#[derive(Clone)]
-struct Parts {
-    emulator: PathBuf,
-    image: PathBuf,
-}
-
-/// Builds them, once.
-fn parts() -> Result<Parts, EmulatorError> {
-    static PARTS: Mutex<Option<Parts>> = Mutex::new(None);
-    let mut parts = PARTS.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(parts) = parts.as_ref() {
-        return Ok(parts.clone());
-    }
-    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace.join("target"), PathBuf::from);
-    cargo(&workspace, "build --quiet --package emulator --release")?;
-    cargo(&workspace, "build --quiet --package firmware --profile image --target thumbv7em-none-eabihf")?;
-    let built =
-        Parts { emulator: target.join("release/emulator"), image: target.join("thumbv7em-none-eabihf/image/firmware") };
-    Ok(parts.insert(built).clone())
-}
-
-fn cargo(workspace: &Path, arguments: &str) -> Result<(), EmulatorError> {
-    let refused = |why: &dyn ToString| EmulatorError::Build(arguments.to_owned(), why.to_string());
-    let program = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let status = Command::new(program).args(arguments.split(' ')).current_dir(workspace).status();
-    let status = status.map_err(|error| refused(&error))?;
-    if status.success() { Ok(()) } else { Err(refused(&status)) }
-}
-
 impl Emulator {
     /// Switches a board on.
     ///
     /// # Errors
     /// If the emulator or the image does not build or start.
     pub fn start() -> Result<Self, EmulatorError> {
-        let Parts { emulator, image } = parts()?;
+        Self::start_with(None)
+    }
+
+    /// The same, with the image that keeps a flight log on a card.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn start_logging() -> Result<Self, EmulatorError> {
+        Self::start_with(Some("flight-log"))
+    }
+
+    fn start_with(features: Option<&'static str>) -> Result<Self, EmulatorError> {
+        let Parts { emulator, image } = parts(features)?;
         let mut child =
             Command::new(emulator).arg(image).arg("--pipe").stdin(Stdio::piped()).stdout(Stdio::piped()).spawn()?;
         let missing = || io::Error::other("no pipe");
@@ -222,6 +205,18 @@ impl Emulator {
     pub fn fill_flash(&mut self, address: u32, bytes: &[u8]) {
         let header = [address, bytes.len() as u32].into_iter().flat_map(u32::to_le_bytes);
         self.say(b'e', header.chain(bytes.iter().copied()));
+    }
+
+    /// Puts a card into its slot, whose content is this file, or pulls the one that is there.
+    pub fn put_card(&mut self, file: Option<&Path>) {
+        let path = file.unwrap_or(Path::new("")).to_string_lossy();
+        let count = path.len() as u32;
+        self.say(b'o', count.to_le_bytes().into_iter().chain(path.bytes()));
+    }
+
+    /// Sets how long the card takes to program a block, µs: as a rule, and once in `long_every` blocks.
+    pub fn set_card_busy(&mut self, usual_us: u32, long_us: u32, long_every: u32) {
+        self.say(b'j', [usual_us, long_us, long_every].into_iter().flat_map(u32::to_le_bytes));
     }
 
     /// Lets the station send these bytes, at most 255.
@@ -366,7 +361,7 @@ impl Served {
     /// # Errors
     /// As [`Emulator::start`].
     pub fn start(seconds: u32) -> Result<Self, EmulatorError> {
-        let Parts { emulator, image } = parts()?;
+        let Parts { emulator, image } = parts(None)?;
         let mut command = Command::new(emulator);
         command.arg(image).args(["--station", "0", "--seconds", &seconds.to_string()]).stdout(Stdio::piped());
         let mut child = command.spawn()?;

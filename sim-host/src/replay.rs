@@ -19,12 +19,19 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::io::{self, Read};
 
+mod starts;
+
+pub use starts::{Start, starts};
+
 /// Why a file cannot be replayed.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
     /// It cannot be read.
     #[error(transparent)]
     Read(#[from] io::Error),
+    /// Nothing was written yet.
+    #[error("offset 0: no flight log: nothing was written into this file yet")]
+    Empty,
     /// It is no flight log.
     #[error("offset 0: no flight log: must begin with a block of {BLOCK_BYTES} bytes that begins with \"QF\"")]
     Foreign,
@@ -69,6 +76,8 @@ pub struct Flown {
     pub board: String,
     /// What it was flown with.
     pub parameters: Parameters,
+    /// Whether it went on after a reset in the air: what it remembered of before is not in the log, and nothing can be compared.
+    pub resumed: bool,
 }
 
 /// Steps that are not in the log.
@@ -228,7 +237,7 @@ impl Said {
             let refused = |_| other(known.name, value.to_string(), format!("from {} to {}", known.min, known.max));
             parameters.set(known.name, value).map_err(refused)?;
         }
-        Ok(Flown { image, board: self.text("board")?, parameters })
+        Ok(Flown { image, board: self.text("board")?, parameters, resumed: self.word("resumed")? != 0 })
     }
 }
 
@@ -258,7 +267,9 @@ impl Told {
         self.last = now;
         self.steps += 1;
         self.span_us = Some((self.span_us.map_or(record.time_us, |(first_us, _)| first_us), record.time_us));
-        self.twin.follow(record);
+        if !self.flown.resumed {
+            self.twin.follow(record);
+        }
         let followed = self.twin.last().is_some_and(|last| last.step == record.step);
         let flight = Some(self.twin.flight()).filter(|_| followed && self.gaps.is_empty());
         if let Some(flight) = flight {
@@ -286,7 +297,6 @@ mod tests {
     use control_core::modes::Mode;
     use control_core::pilot::{PilotInput, Sticks};
     use firmware::flight_log::{Packer, Preamble};
-    use std::convert::Infallible;
 
     const SECONDS: u32 = 6;
     const SAMPLE_HZ: u32 = 2_000;
@@ -330,14 +340,14 @@ mod tests {
 
     /// The file that the image makes of it; blocks of steps for which `lost` is true are not in it.
     fn file(parameters: &Parameters, records: &[Record], lost: impl Fn(usize) -> bool) -> Vec<u8> {
-        let mut blocks = Vec::new();
-        let preamble = Preamble { image: ["0.1.0", "c0ffee"], board: "a board", parameters };
-        let Ok(()) = preamble.blocks(|block| {
-            blocks.push(block);
-            Ok::<_, Infallible>(())
-        });
+        written(parameters, false, records, lost)
+    }
+
+    fn written(parameters: &Parameters, resumed: bool, records: &[Record], lost: impl Fn(usize) -> bool) -> Vec<u8> {
+        let preamble = Preamble { image: ["0.1.0", "c0ffee"], board: "a board", parameters, resumed };
+        let mut blocks: Vec<_> = preamble.blocks().collect();
         let mut packer = Packer::new();
-        let steps = records.iter().filter_map(|record| packer.note(record)).collect::<Vec<_>>();
+        let steps = records.iter().filter_map(|record| packer.note(&record.to_words())).collect::<Vec<_>>();
         let steps = steps.into_iter().chain([packer.finish()]).enumerate();
         blocks.extend(steps.filter(|(n, _)| !lost(*n)).map(|(_, block)| block));
         (0..).zip(&mut blocks).flat_map(|(number, block)| *block.seal(number)).collect()
@@ -415,6 +425,17 @@ mod tests {
     }
 
     #[test]
+    fn a_flight_that_went_on_after_a_reset_in_the_air_is_read_and_not_compared() {
+        let parameters = Parameters::default();
+        let records = flown(&parameters);
+        let told =
+            replay(&*written(&parameters, true, &records, |_| false), &mut |_, flight| assert!(flight.is_none()));
+        let told = told.expect("a log");
+        assert!(told.flown.resumed && told.steps == records.len() as u64);
+        assert_eq!((told.verdict.commands, told.verdict.parting), (0, None));
+    }
+
+    #[test]
     fn what_is_no_log_of_this_core_is_refused_by_offset_and_name() {
         let parameters = Parameters::default();
         let good = file(&parameters, &[], |_| false);
@@ -432,6 +453,7 @@ mod tests {
         known.texts = ["image", "commit", "board"].map(|name| (name.to_owned(), "x".to_owned())).into();
         known.words = parameters.iter().map(|(known, value)| (known.name.to_owned(), value.to_bits())).collect();
         known.words.extend([
+            ("resumed".to_owned(), 0),
             ("record_words".to_owned(), WORDS as u32),
             ("rate_rad_s".to_owned(), RATE_RAD_S.to_bits()),
             ("force_m_s2".to_owned(), FORCE_M_S2.to_bits()),

@@ -1,6 +1,7 @@
 //! The emulated image in a simulated machine: sensors from the plant, thrust from what the speed controllers hear.
 //!
 //! Noise is white, of about the part's size. A rotor's thrust grows with the square of what its controller is told.
+use crate::card::Card;
 use crate::motion::Noise;
 use control_core::frames::Vec3;
 use flight_link::{Decoder, FRAME_BYTES_MAX, FromBoard, ToBoard, encode};
@@ -39,6 +40,30 @@ pub struct Hands {
     pub arm: bool,
 }
 
+/// A pilot who sees the machine and holds it over the pad by hand: arms after 6 s, climbs to 1.5 m, lands at 20 s, disarms at 22.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ByHand {
+    climb: f64,
+}
+
+impl ByHand {
+    /// What the hands do.
+    pub fn hands(&mut self, t_s: f64, truth: &Truth) -> Hands {
+        let wanted_m = (0.6 * (t_s - 6.5)).clamp(0.0, 1.5).min(0.5 * (19.5 - t_s));
+        let (error_m, sink_m_s) = (wanted_m - truth.altitude_m(), truth.velocity_m_s.z);
+        self.climb = (self.climb + 0.0001 * error_m).clamp(0.0, 0.2);
+        let flies = (6.5..20.5).contains(&t_s);
+        let lean = |position_m: f64, velocity_m_s: f64| (-0.10 * position_m - 0.15 * velocity_m_s).clamp(-0.4, 0.4);
+        let up = 0.42 + self.climb + 0.25 * error_m + 0.15 * sink_m_s;
+        Hands {
+            roll: lean(truth.position_m.y, truth.velocity_m_s.y),
+            pitch: lean(truth.position_m.x, truth.velocity_m_s.x),
+            throttle: if flies { up.clamp(0.0, 0.9) } else { 0.0 },
+            arm: (6.0..22.0).contains(&t_s),
+        }
+    }
+}
+
 /// Machine and image.
 pub struct Aloft {
     emulator: Emulator,
@@ -71,7 +96,7 @@ impl Aloft {
     /// # Panics
     /// If it does not boot.
     pub fn on_the_ground_after(uptime_s: u32) -> Self {
-        Self::with(|emulator| {
+        Self::prepared(|emulator| {
             if uptime_s > 0 {
                 emulator.begin_after(uptime_s);
             }
@@ -83,18 +108,43 @@ impl Aloft {
     /// # Panics
     /// If it does not boot.
     pub fn with_mpu6000() -> Self {
-        Self::with(Emulator::solder_mpu6000)
+        Self::prepared(Emulator::solder_mpu6000)
     }
 
-    /// The same, with a board that something is done to before it boots.
-    fn with(prepare: impl FnOnce(&mut Emulator)) -> Self {
+    /// The same, after something was said to the board before it boots.
+    ///
+    /// # Panics
+    /// If it does not boot.
+    pub fn prepared(say: impl FnOnce(&mut Emulator)) -> Self {
+        let mut emulator = Emulator::start().expect("emulator and image build");
+        say(&mut emulator);
+        Self::aboard(emulator)
+    }
+
+    /// The same, with the image that keeps a flight log.
+    ///
+    /// # Panics
+    /// If it does not boot.
+    pub fn logging(say: impl FnOnce(&mut Emulator)) -> Self {
+        let mut emulator = Emulator::start_logging().expect("emulator and image build");
+        say(&mut emulator);
+        Self::aboard(emulator)
+    }
+
+    /// The same, with a card in its slot.
+    ///
+    /// # Panics
+    /// If it does not boot.
+    pub fn with_card(card: &Card) -> Self {
+        Self::logging(|emulator| emulator.put_card(Some(card.path())))
+    }
+
+    fn aboard(mut emulator: Emulator) -> Self {
         let keys = VehicleKeys { linear_drag_n_s_m: 0.1, ..VehicleKeys::default() };
         let vehicle = Vehicle::new(AirframeName::Paper, &keys);
         let ground = Ground { altitude_m: Some(0.0) };
         let plant = RigidPlant::standing(&vehicle, ground, ground.standing_m().expect("there is ground"));
         let drive = Drive { command_n: 0.0, lag_s: keys.motor_lag_s, rate_n_s_max: f64::INFINITY, share: 1.0 };
-        let mut emulator = Emulator::start().expect("emulator and image build");
-        prepare(&mut emulator);
         emulator.move_body(&Motion { force_m_s2: [0.0, 0.0, -9.81], rate_rad_s: [0.0; 3] });
         let answer = emulator.period().expect("the image boots");
         let actuation = Actuation { drives: [drive; 4], gust: Gust::default() };
@@ -145,6 +195,11 @@ impl Aloft {
     /// If the image does what the emulator does not model.
     pub fn buzzer_sounds(&mut self) -> bool {
         self.emulator.buzzer_sounds().expect("the image runs")
+    }
+
+    /// Says something to the board.
+    pub fn tell(&mut self, tell: impl FnOnce(&mut Emulator)) {
+        tell(&mut self.emulator);
     }
 
     /// The truth now.

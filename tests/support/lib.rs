@@ -10,6 +10,8 @@ use std::sync::OnceLock;
 #[cfg(feature = "emulated")]
 pub mod aloft;
 pub mod bench;
+#[cfg(feature = "emulated")]
+pub mod card;
 pub mod estimation;
 pub mod garbage;
 pub mod motion;

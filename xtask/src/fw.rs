@@ -25,7 +25,7 @@ pub(crate) struct Board {
 }
 
 /// Every board, the default one last, for all leave their image in the same place.
-pub(crate) const BOARDS: [Board; 3] = [
+pub(crate) const BOARDS: [Board; 4] = [
     // Half of the STM32F722's flash: the other half keeps the parameters.
     Board {
         feature: "foxeer-f722-v4",
@@ -37,6 +37,12 @@ pub(crate) const BOARDS: [Board; 3] = [
         flash: Budget { name: "flash", bytes_max: 512 * KIB, ratchet: 268 * KIB },
         ram: Budget { name: "RAM", bytes_max: 128 * KIB, ratchet: 32 * KIB },
     },
+    // As the next one, with a flight log in the place of USB.
+    Board {
+        feature: "speedybee-f405-v4,flight-log",
+        flash: Budget { name: "flash", bytes_max: 256 * KIB, ratchet: 256 * KIB },
+        ram: Budget { name: "RAM", bytes_max: 64 * KIB, ratchet: 32 * KIB },
+    },
     // A quarter of the STM32F405's flash, half of its RAM.
     Board {
         feature: "speedybee-f405-v4",
@@ -47,6 +53,9 @@ pub(crate) const BOARDS: [Board; 3] = [
 
 /// Without these there is no image: a linker script that was not found leaves an ELF all the same.
 const REQUIRED: [&str; 2] = [".vector_table", ".text"];
+
+/// The flight log's queue, in RAM of its own; it counts against no budget.
+const LOG_QUEUE: &str = ".ccm";
 
 /// Bytes of a section in each memory.
 struct Footprint {
@@ -106,10 +115,11 @@ fn footprint<'a>(section: &impl ObjectSection<'a>) -> Result<Option<Footprint>> 
     let size = section.size();
     let takes = |holds: bool| if holds { size } else { 0 };
     let allocated = sh_flags.contains(SHF_ALLOC) && size > 0;
+    let name = section.name()?.to_owned();
     Ok(allocated.then_some(Footprint {
-        name: section.name()?.to_owned(),
         flash: takes(sh_type != SHT_NOBITS),
-        ram: takes(sh_flags.contains(SHF_WRITE)),
+        ram: takes(sh_flags.contains(SHF_WRITE) && name != LOG_QUEUE),
+        name,
     }))
 }
 

@@ -23,6 +23,9 @@ use firmware::stored::Stored;
 
 use crate::gnss;
 
+#[cfg(all(feature = "flight-log", not(feature = "speedybee-f405-v4")))]
+compile_error!("feature flight-log: must be with speedybee-f405-v4: no other board has a slot for a card");
+
 mod bank;
 mod ear;
 
@@ -82,6 +85,9 @@ pub(crate) struct Board {
     pub(crate) usb: UsbPort,
     /// Where parameters are stored.
     pub(crate) store: Store,
+    /// The slot for a card.
+    #[cfg(feature = "flight-log")]
+    pub(crate) card: crate::card::Slot,
     /// The battery's voltage.
     pub(crate) battery: Battery,
     /// The status LED.

@@ -14,6 +14,7 @@
 //! | vision           | PA10                     | USART1; DMA2 stream 2                               |
 //! | station          | PC10, PC11               | USART3; DMA1 streams 3 and 1                        |
 //! | USB              | PA11, PA12               | OTG_FS                                              |
+//! | microSD card     | PC14, PB3 … PB5          | SPI3; DMA1 streams 7 and 0, in turn with I2C1       |
 //! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11                     |
 //! | status LED       | PC13, low is on          | GPIO                                                |
 //! | buzzer           | PC15, high sounds     | GPIO                                                |
@@ -26,7 +27,7 @@
 //! # Source
 //! Betaflight's `configs/SPEEDYBEEF405V4/config.h`, repository `betaflight/config`: MOTOR1_PIN to MOTOR4_PIN,
 //! GYRO_1_*, UART3_*, UART2_RX_PIN and SERIALRX_UART, I2C1_*, BARO_I2C_INSTANCE and MAG_I2C_INSTANCE, UART6_*, UART1_RX_PIN,
-//! ADC_VBAT_PIN, LED0_PIN, BEEPER_PIN, BEEPER_INVERTED, SYSTEM_HSE_MHZ, GYRO_1_ALIGN. The divider is Betaflight's default scale, 110, which the file leaves;
+//! SPI3_*, SDCARD_SPI_CS_PIN, ADC_VBAT_PIN, LED0_PIN, BEEPER_PIN, BEEPER_INVERTED, SYSTEM_HSE_MHZ, GYRO_1_ALIGN. The divider is Betaflight's default scale, 110, which the file leaves;
 //! which of the free ports is for what is ours.
 use core::ops::Range;
 
@@ -59,13 +60,15 @@ use super::{
     Battery, Board, Buffers, STATION_BAUD, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensor_bus,
     store, usb_config,
 };
+#[cfg(feature = "flight-log")]
+use crate::card::Slot;
 use crate::gnss;
 use crate::motors::Protocol;
 
 /// The board's name, for the log.
 pub(crate) const NAME: &str = "SpeedyBee F405 V4";
 /// Whether the station may come by USB.
-pub(crate) const SERVES_USB: bool = true;
+pub(crate) const SERVES_USB: bool = !cfg!(feature = "flight-log");
 /// What the speed controllers are sent.
 pub(crate) const PROTOCOL: Protocol = Protocol::DShot600;
 /// Battery voltage over pin voltage.
@@ -193,6 +196,14 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
             .split(),
         usb: usb::Driver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, &mut buffers.usb, usb_config()),
         store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region3),
+        #[cfg(feature = "flight-log")]
+        card: {
+            // SAFETY: of the two buses that have these streams, who has `card::TURN` alone uses them.
+            let shared = unsafe { Peripherals::steal() };
+            let (to, from) = (shared.DMA1_CH7, shared.DMA1_CH0);
+            let bus = Spi::new(p.SPI3, p.PB3, p.PB5, p.PB4, to, from, Irqs, embassy_stm32::spi::Config::default());
+            Slot::new(bus, Output::new(p.PC14, Level::High, Speed::Low))
+        },
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PC13, Level::High, Speed::Low),
         buzzer: Output::new(p.PC15, Level::Low, Speed::Low),

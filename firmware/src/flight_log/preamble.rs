@@ -32,34 +32,35 @@ pub struct Preamble<'a> {
     pub board: &'a str,
     /// What is flown with.
     pub parameters: &'a Parameters,
+    /// Whether a reset in the air came before the first step: what the flight remembers of before is not in the log.
+    pub resumed: bool,
 }
 
 impl Preamble<'_> {
-    /// Gives its blocks, as many as it takes.
-    ///
-    /// # Errors
-    /// The first that `give` returns.
-    pub fn blocks<E>(&self, mut give: impl FnMut(Block) -> Result<(), E>) -> Result<(), E> {
+    /// Its blocks, as many as it takes.
+    pub fn blocks(&self) -> impl Iterator<Item = Block> {
         let [version, commit] = self.image;
         let facts = [
             ("image", Fact::Text(version)),
             ("commit", Fact::Text(commit)),
             ("board", Fact::Text(self.board)),
+            ("resumed", Fact::Word(self.resumed.into())),
             ("record_words", Fact::Word(WORDS as u32)),
             ("rate_rad_s", Fact::Word(RATE_RAD_S.to_bits())),
             ("force_m_s2", Fact::Word(FORCE_M_S2.to_bits())),
         ];
         let parameters = self.parameters.iter().map(|(known, value)| (known.name, Fact::Word(value.to_bits())));
-        let mut block = Block::new(Kind::Preamble);
-        for (name, fact) in facts.into_iter().chain(parameters) {
+        let mut facts = facts.into_iter().chain(parameters).peekable();
+        core::iter::from_fn(move || {
+            let mut block = Block::new(Kind::Preamble);
             let mut place = [0; FACT_BYTES];
-            let bytes = write(name, fact, &mut place);
-            if !block.put(bytes) {
-                give(core::mem::replace(&mut block, Block::new(Kind::Preamble)))?;
-                block.put(bytes);
+            while let Some(&(name, fact)) = facts.peek()
+                && block.put(write(name, fact, &mut place))
+            {
+                facts.next();
             }
-        }
-        give(block)
+            (!block.is_empty()).then_some(block)
+        })
     }
 }
 
@@ -151,29 +152,26 @@ mod tests {
     fn a_preamble_says_what_flew_and_every_parameter() {
         let mut parameters = Parameters::default();
         parameters.set_at(3, TABLE[3].max).unwrap();
-        let preamble = Preamble { image: ["0.1.0", "c0ffee"], board: "a board", parameters: &parameters };
+        let preamble =
+            Preamble { image: ["0.1.0", "c0ffee"], board: "a board", parameters: &parameters, resumed: true };
         let mut facts: Vec<(String, String)> = Vec::new();
-        let mut number = 0;
-        preamble
-            .blocks(|mut block| {
-                let bytes = *block.seal(number);
-                number += 1;
-                let Opened { kind, content, .. } = open(&bytes).unwrap();
-                assert_eq!(kind, Kind::Preamble);
-                for fact in Facts::new(content) {
-                    let (name, fact) = fact?;
-                    let value = match fact {
-                        Fact::Text(text) => text.to_string(),
-                        Fact::Word(word) => std::format!("{word:08x}"),
-                    };
-                    facts.push((name.to_string(), value));
-                }
-                Ok::<_, FactsError>(())
-            })
-            .unwrap();
+        for (number, mut block) in (0..).zip(preamble.blocks()) {
+            let bytes = *block.seal(number);
+            let Opened { kind, content, .. } = open(&bytes).unwrap();
+            assert_eq!(kind, Kind::Preamble);
+            for fact in Facts::new(content) {
+                let (name, fact) = fact.unwrap();
+                let value = match fact {
+                    Fact::Text(text) => text.to_string(),
+                    Fact::Word(word) => std::format!("{word:08x}"),
+                };
+                facts.push((name.to_string(), value));
+            }
+        }
         let of = |name: &str| facts.iter().find(|(known, _)| known == name).map(|(_, value)| value.clone());
         assert_eq!(of("commit").as_deref(), Some("c0ffee"));
         assert_eq!(of("board").as_deref(), Some("a board"));
+        assert_eq!(of("resumed").as_deref(), Some("00000001"));
         assert_eq!(of("rate_rad_s"), Some(std::format!("{:08x}", RATE_RAD_S.to_bits())));
         for (known, value) in parameters.iter() {
             assert_eq!(of(known.name), Some(std::format!("{:08x}", value.to_bits())), "{}", known.name);

@@ -2,7 +2,7 @@
 use super::{Failure, LOG_HZ, folder_in, say};
 use crate::chronicle::Happening;
 use crate::output::Files;
-use crate::replay::{Replay, ReplayError, replay as repeat};
+use crate::replay::{Replay, ReplayError, Start, replay as repeat, starts};
 use crate::through::Parting;
 use clap::Args;
 use control_core::estimate::Estimate;
@@ -11,13 +11,16 @@ use control_core::measurement::{Imu, Stamped};
 use firmware::icm42688::SAMPLE_HZ;
 use firmware::record::Record;
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(super) struct ReplayArgs {
-    /// The flight log, a file of the board's card.
+    /// The flight log, `FLIGHT.LOG` of the board's card.
     log: PathBuf,
+    /// Which start of the board, from 1; the last one if left out.
+    #[arg(long)]
+    start: Option<usize>,
     /// Where log.csv goes; `out/<log>` if left out.
     #[arg(long)]
     out: Option<PathBuf>,
@@ -49,20 +52,29 @@ const COLUMNS: [&str; 22] = [
     "mode",
 ];
 
+/// What is said of a flight that could not be repeated.
+const RESUMED: &str = "this flight went on after a reset in the air; what it remembered of before is not in the log";
+
 /// Gaps and damages that are printed.
 const LISTED: usize = 10;
 
 pub(super) fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     let name = args.log.display();
     let folder = folder_in(args.out.as_ref(), Path::new("out"), &args.log)?;
-    let log = File::open(&args.log).map_err(|error| Failure::bad_input(format!("{name}: {error}")))?;
+    let refused = |error: ReplayError| Failure::bad_input(format!("{name}: {error}"));
+    let mut log = BufReader::new(File::open(&args.log).map_err(|error| refused(error.into()))?);
+    let all = starts(&mut log).map_err(refused)?;
+    let number = args.start.unwrap_or(all.len());
+    let Some(&Start { offset, bytes }) = number.checked_sub(1).and_then(|index| all.get(index)) else {
+        return Err(Failure::bad_input(format!("--start {number}: must be from 1 to {} ({name})", all.len())));
+    };
+    log.seek(SeekFrom::Start(offset)).map_err(|error| refused(error.into()))?;
     let mut table = Table::new();
-    let told = repeat(BufReader::new(log), &mut |record, flight| table.note(record, flight));
-    let told = told.map_err(|error: ReplayError| Failure::bad_input(format!("{name}: {error}")))?;
+    let told = repeat(log.take(bytes), &mut |record, flight| table.note(record, flight)).map_err(refused)?;
     let mut files = Files::default();
     files.add("log.csv", table.writer.into_inner().map_err(|error| Failure::writing(&folder)(error.into_error()))?);
     files.write(&folder).map_err(Failure::writing(&folder))?;
-    say(&format!("{}log.csv is in {}\n", summary(&told), folder.display()))?;
+    say(&format!("start {number} of {}\n{}log.csv is in {}\n", all.len(), summary(&told), folder.display()))?;
     judge(&told)
 }
 
@@ -127,6 +139,7 @@ fn summary(told: &Replay) -> String {
     lines.push(format!("{} commands compared; hashes of {same} of {seconds} seconds are equal", verdict.commands));
     match (&verdict.parting, gaps.first()) {
         (Some(Parting::Command { .. }), _) => {}
+        _ if flown.resumed => lines.push(RESUMED.to_owned()),
         (_, Some(gap)) => lines.push(format!(
             "no bit differs up to {:.4} s since boot; after that nothing can be compared: {gap}",
             gap.after.1 as f64 * 1e-6
@@ -140,6 +153,7 @@ fn judge(told: &Replay) -> Result<(), Failure> {
     let failed = |text: String| Err(Failure { text, code: 1 });
     match &told.verdict.parting {
         Some(parting @ Parting::Command { .. }) => failed(format!("the host decides otherwise: {parting}")),
+        _ if told.flown.resumed => failed(format!("nothing could be compared: {RESUMED}")),
         _ if told.verdict.commands == 0 => {
             failed("nothing could be compared: the log does not have the first step".to_owned())
         }

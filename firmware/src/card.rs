@@ -1,0 +1,224 @@
+//! The card: a microSD card on a bus of its own, in SPI mode, read and written by blocks.
+//!
+//! ```text
+//! wake     74 clocks ─► CMD0 ─► CMD8 ─► ACMD41 until it is up ─► CMD58: of high capacity? ─► the fast clock
+//! read     CMD17 ─► it finds the block ─► the block
+//! write    CMD25 ─► a block, it programs it; a block, it programs it; … ─► stop
+//! ```
+//!
+//! While the card is busy its driver sleeps and looks again. A block is written by DMA, on streams that the slow sensors' bus has too:
+//! the chip has no others left, so each waits for its [`TURN`]. What is short, and what is read at the start, is the core's to move.
+//!
+//! A reset of the chip alone may find the card within a block: it is given the rest of one and told to stop before it is woken.
+//! Blocks are sent without checksums of the bus, which the card does not ask for: those of the log have their own.
+//!
+//! # Source
+//! SD Association, "Physical Layer Simplified Specification" 9.00, chapter 7 "SPI Mode"; 4.6.2: times.
+use embassy_futures::yield_now;
+use embassy_stm32::gpio::Output;
+use embassy_stm32::mode::Async;
+use embassy_stm32::spi::{self, Spi};
+use embassy_stm32::time::Hertz;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::mutex::Mutex;
+use embassy_time::{Duration, Instant, Timer};
+use firmware::flight_log::BLOCK_BYTES;
+use firmware::log_file::Blocks;
+
+/// Clock of the bus until the card is up, and then; Hz.
+const SLOW_HZ: u32 = 400_000;
+const FAST_HZ: u32 = 25_000_000;
+/// Bytes with the card not selected before it is spoken to: more than 74 clocks.
+const WAKE_BYTES: usize = 10;
+/// Bytes that end a block which the card is within, some at a time.
+const PIECE_BYTES: usize = 16;
+const PIECES: usize = BLOCK_BYTES / PIECE_BYTES + 1;
+/// Bytes within which a card answers.
+const ANSWER_BYTES: usize = 9;
+/// Its answer that all is well, and that it is but not up yet.
+const READY: u8 = 0;
+const IDLE: u8 = 1;
+/// Before a block that it sends, and one that it is sent of several; after the last one.
+const START: u8 = 0xfe;
+const START_OF_MANY: u8 = 0xfc;
+const STOP: u8 = 0xfd;
+/// What it says of a block, and of one that it takes.
+const VERDICT: u8 = 0x1f;
+const ACCEPTED: u8 = 0x05;
+/// 2.7 to 3.6 V, and a pattern that it must repeat.
+const SUPPLY: u32 = 0x1aa;
+/// That blocks are counted, not bytes; asked for, and found.
+const HIGH_CAPACITY: u32 = 1 << 30;
+/// Time within which it must come up.
+const UP_MAX: Duration = Duration::from_secs(1);
+/// Time within which it must find a block, or program one: twice what cards are allowed.
+const BUSY_MAX: Duration = Duration::from_millis(500);
+/// Time between two looks at a card that is busy.
+const LOOK: Duration = Duration::from_micros(200);
+
+/// There is no card, or one that does not do as it should, or of less than 4 GB.
+#[derive(Clone, Copy)]
+pub(crate) enum CardError {
+    Missing,
+    Failing,
+    Small,
+}
+
+/// Whose turn it is with the streams.
+pub(crate) static TURN: Mutex<CriticalSectionRawMutex, ()> = Mutex::new(());
+
+type Bus = Spi<'static, Async, spi::mode::Master>;
+
+/// The slot: the bus, and the card's select line, which stays low once it is awake.
+pub(crate) struct Slot {
+    bus: Bus,
+    select: Output<'static>,
+    /// Whether it was found empty.
+    empty: bool,
+}
+
+impl Slot {
+    pub(crate) fn new(bus: Bus, select: Output<'static>) -> Self {
+        Self { bus, select, empty: false }
+    }
+
+    /// Brings a card up, whatever it was doing.
+    pub(crate) async fn wake(&mut self) -> Result<(), CardError> {
+        self.set_speed(SLOW_HZ);
+        self.select.set_high();
+        self.send(&[0xff; WAKE_BYTES]);
+        self.select.set_low();
+        self.ready().await?;
+        if self.command(0, 0) != IDLE {
+            // One that is put in is in no block.
+            if core::mem::replace(&mut self.empty, true) {
+                return Err(CardError::Missing);
+            }
+            for _ in 0..PIECES {
+                self.send(&[0xff; PIECE_BYTES]);
+                yield_now().await;
+            }
+            self.stop().await?;
+            self.ready().await?;
+            if self.command(0, 0) != IDLE {
+                return Err(CardError::Missing);
+            }
+        }
+        self.empty = false;
+        if self.command(8, SUPPLY) != IDLE || self.word() & 0xfff != SUPPLY {
+            return Err(CardError::Small);
+        }
+        let began = Instant::now();
+        while self.command(55, 0) > IDLE || self.command(41, HIGH_CAPACITY) != READY {
+            if began.elapsed() > UP_MAX {
+                return Err(CardError::Failing);
+            }
+            Timer::after(10 * LOOK).await;
+        }
+        if self.command(58, 0) != READY || self.word() & HIGH_CAPACITY == 0 {
+            return Err(CardError::Small);
+        }
+        self.set_speed(FAST_HZ);
+        Ok(())
+    }
+
+    /// Begins to write at a block.
+    pub(crate) async fn start(&mut self, block: u32) -> Result<(), CardError> {
+        self.ready().await?;
+        if self.command(25, block) == READY { Ok(()) } else { Err(CardError::Failing) }
+    }
+
+    /// Writes the next block.
+    pub(crate) async fn write(&mut self, bytes: &[u8; BLOCK_BYTES]) -> Result<(), CardError> {
+        self.ready().await?;
+        self.send(&[0xff, START_OF_MANY]);
+        {
+            let _turn = TURN.lock().await;
+            self.bus.write(bytes).await.map_err(|_| CardError::Failing)?;
+        }
+        // A checksum that nobody reads, and the verdict.
+        let mut bytes = [0xff; 3];
+        self.receive(&mut bytes);
+        if bytes[2] & VERDICT == ACCEPTED { Ok(()) } else { Err(CardError::Failing) }
+    }
+
+    /// Ends writing: the card keeps what it has taken.
+    pub(crate) async fn stop(&mut self) -> Result<(), CardError> {
+        self.ready().await?;
+        self.send(&[STOP, 0xff]);
+        Ok(())
+    }
+
+    fn set_speed(&mut self, hz: u32) {
+        let mut config = spi::Config::default();
+        config.frequency = Hertz(hz);
+        // A speed can always be set.
+        let _ = self.bus.set_config(&config);
+    }
+
+    /// Says a command; its first answer, with the upper bit set if there was none.
+    fn command(&mut self, number: u8, argument: u32) -> u8 {
+        let [a, b, c, d] = argument.to_be_bytes();
+        // Of the two that it checks.
+        let checksum = match number {
+            0 => 0x95,
+            8 => 0x87,
+            _ => 1,
+        };
+        self.send(&[0xff, 0x40 | number, a, b, c, d, checksum]);
+        (0..ANSWER_BYTES).map(|_| self.byte()).find(|&answer| answer >> 7 == 0).unwrap_or(u8::MAX)
+    }
+
+    /// Sleeps until the card is no longer busy.
+    async fn ready(&mut self) -> Result<(), CardError> {
+        self.until(|answer| answer == 0xff).await
+    }
+
+    /// Sleeps until the card says what is waited for.
+    async fn until(&mut self, said: impl Fn(u8) -> bool) -> Result<(), CardError> {
+        let began = Instant::now();
+        while !said(self.byte()) {
+            if began.elapsed() > BUSY_MAX {
+                return Err(CardError::Failing);
+            }
+            Timer::after(LOOK).await;
+        }
+        Ok(())
+    }
+
+    fn word(&mut self) -> u32 {
+        u32::from_be_bytes([self.byte(), self.byte(), self.byte(), self.byte()])
+    }
+
+    fn byte(&mut self) -> u8 {
+        let mut byte = [0xff];
+        self.receive(&mut byte);
+        byte[0]
+    }
+
+    // A bus without a card works as well: what fails is seen by what the card answers.
+    fn send(&mut self, bytes: &[u8]) {
+        let _ = self.bus.blocking_write(bytes);
+    }
+
+    fn receive(&mut self, bytes: &mut [u8]) {
+        bytes.fill(0xff);
+        let _ = self.bus.blocking_transfer_in_place(bytes);
+    }
+}
+
+impl Blocks for Slot {
+    type Error = CardError;
+
+    async fn read(&mut self, block: u32, bytes: &mut [u8; BLOCK_BYTES]) -> Result<(), CardError> {
+        self.ready().await?;
+        if self.command(17, block) != READY {
+            return Err(CardError::Failing);
+        }
+        self.until(|answer| answer == START).await?;
+        self.receive(bytes);
+        // Its checksum.
+        self.send(&[0xff; 2]);
+        Ok(())
+    }
+}
