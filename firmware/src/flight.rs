@@ -1,4 +1,6 @@
 //! Flight: what the image flies, as the core's [`Flight`] wants it. The same on the board and for whoever repeats its steps.
+use core::mem::MaybeUninit;
+
 use control_core::estimation::{EstimatorConfig, GyroConfig};
 use control_core::flight::{Flight, FlightConfig, Unflyable};
 use control_core::parameters::Parameters;
@@ -20,8 +22,6 @@ static REGULATORS: Regulators =
 ///
 /// # Errors
 /// [`Unflyable`] names the first value that cannot fly.
-// Not inlined: what it takes of the stack is free again after it.
-#[inline(never)]
 pub fn boot(parameters: &Parameters) -> Result<Flight, Unflyable> {
     let gyro = GyroConfig { sample_hz: icm42688::SAMPLE_HZ, ..EstimatorConfig::FLIGHT.gyro };
     let config = FlightConfig {
@@ -30,4 +30,14 @@ pub fn boot(parameters: &Parameters) -> Result<Flight, Unflyable> {
         estimator: EstimatorConfig { gyro, ..EstimatorConfig::FLIGHT },
     };
     Flight::try_new(&config, parameters)
+}
+
+/// [`boot`] in its place for good: every move of a flight is 12 kB of the stack.
+///
+/// # Errors
+/// As there.
+// Not inlined: what it takes of the stack is free again after it.
+#[inline(never)]
+pub fn boot_in<'a>(place: &'a mut MaybeUninit<Flight>, parameters: &Parameters) -> Result<&'a mut Flight, Unflyable> {
+    Ok(place.write(boot(parameters)?))
 }

@@ -9,6 +9,7 @@
 //!
 //! Control preempts the others at any instruction. What is left to delay it are critical sections of some dozens of cycles.
 use core::cell::Cell;
+use core::mem::MaybeUninit;
 use core::sync::atomic::Ordering;
 
 use control_core::flight::{Arrived, Command, Flight};
@@ -111,11 +112,10 @@ pub(crate) fn start(spawner: Spawner) {
     // Not `expect`: printing a float in text would add 30 KB to the image.
     let parameters = before.as_ref().map_or(loaded.parameters, |before| before.parameters);
     restart::keep_parameters(&parameters);
-    let flight = flight::boot(&parameters)
+    let place = singleton!(: MaybeUninit<Flight> = MaybeUninit::uninit()).expect("start runs once");
+    let flight = flight::boot_in(place, &parameters)
         .unwrap_or_else(|e| defmt::panic!("{=str}.{=str} = {=f32} cannot fly", e.name[0], e.name[1], e.value));
     let imu = Imu::new(imu_bus, imu_select, imu_ready);
-    // In its place for good: every move of it would be on the stack.
-    let flight = singleton!(: Flight = flight).expect("start runs once");
     let home = before.as_ref().and_then(|before| before.home);
     let resumed = before.is_some_and(|before| flight.resume(before.memory, now_us()));
     if resumed {
