@@ -19,7 +19,6 @@ pub mod flight_log;
 pub mod icm42688;
 pub mod log_file;
 pub mod mpu6000;
-pub mod pace;
 pub mod pilot;
 pub mod pose;
 pub mod pulse;

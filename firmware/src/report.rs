@@ -10,7 +10,7 @@ use crate::erpm::{Heard, MOTORS};
 pub struct Report {
     /// Steps since boot.
     pub steps: u32,
-    /// Of these, how many ended when the next one was already due.
+    /// Of these, how many took longer than a period.
     pub late: u32,
     /// Of these, how many had no inertial sample.
     pub blind: u32,

@@ -46,7 +46,6 @@ use firmware::crsf::Receiver;
 use firmware::erpm::Heard;
 use firmware::flight;
 use firmware::icm42688::SAMPLE_HZ;
-use firmware::pace::Pace;
 use firmware::pilot;
 use firmware::record::Record;
 use firmware::report::{Report, Tally};
@@ -73,7 +72,7 @@ static BATTERY_V: Newest<f32> = Signal::new();
 /// What is to be heard of the machine.
 static FACTS: Mutex<CriticalSectionRawMutex, Cell<Facts>> = Mutex::new(Cell::new(Facts::NONE));
 
-/// Time within which a step must be done, once it has begun: its period.
+/// Time within which a step must be done, once it has begun: its period. One that is not is late.
 const STEP_US_MAX: u64 = (1e6 / SAMPLE_HZ) as u64;
 /// Bytes of the station that may wait: two frames.
 const STATION_BYTES: usize = 256;
@@ -166,7 +165,6 @@ async fn control(
     let found = imu.start(resumed).await;
     let mut tally = Tally::new(SAMPLE_HZ);
     let mut telemetry = Telemetry::new(SAMPLE_HZ);
-    let mut pace = Pace::new(SAMPLE_HZ, now_us());
     let (mut number, mut late) = (0_u32, false);
     watchdog.unleash();
     loop {
@@ -204,14 +202,13 @@ async fn control(
             }
         }
         tally.step(measurements.imu.is_some(), command, told);
-        let done_us = now_us();
-        late = pace.finish(done_us);
-        let took_us = done_us.saturating_sub(time_us);
+        let took_us = now_us().saturating_sub(time_us);
+        late = took_us >= STEP_US_MAX;
         if let Some(snapshot) = telemetry.note(&record, flight, Pass { took_us, late }) {
             SNAPSHOT.signal(snapshot);
         }
         // By what the step took, not by when it came: an inertial unit that is gone is no reason to reset in the air.
-        if took_us < STEP_US_MAX {
+        if !late {
             watchdog.pet();
         }
         if let Some(report) = tally.close(late) {
