@@ -69,7 +69,8 @@ const ALLOWED: [Allowed; 10] = [
 ];
 
 /// Functions that call through pointers, and where these lead.
-const INDIRECT: [(&str, &str); 6] = [
+const INDIRECT: [(&str, &str); 7] = [
+    ("control_core::arming::Facts::failing", "the conditions of the table of checks: roots of their own"),
     ("control_core::autopilot::Autopilot::watch", "the conditions of the failsafe table: roots of their own"),
     ("_$LT$embassy_stm32..dma..dma_bdma..Transfer", "wakers: the executor's"),
     ("_embassy_time_schedule_wake", "wakers: the executor's"),
@@ -227,7 +228,7 @@ impl Image {
         let polls = self.functions.keys().filter(|name| name.contains("TaskStorage") && name.contains("::poll::"));
         let control: Vec<&str> =
             polls.map(String::as_str).filter(|poll| self.walk([*poll]).iter().any(|name| is_step(name))).collect();
-        let [control] = control[..] else { bail!("{} tasks step the estimator, where one should", control.len()) };
+        let [control] = control[..] else { bail!("{} tasks decide a flight, where one should", control.len()) };
         let called: BTreeSet<&str> =
             self.functions.values().flat_map(|f| f.calls.iter().map(|(name, _)| name.as_str())).collect();
         let by_pointer =
@@ -297,7 +298,7 @@ fn is_core(name: &str) -> bool {
 }
 
 fn is_step(name: &str) -> bool {
-    name.starts_with("control_core::estimation::Estimator::settle")
+    name.starts_with("control_core::flight::Flight::decide")
 }
 
 #[cfg(test)]
@@ -308,8 +309,8 @@ mod tests {
     fn image(step: &str) -> Image {
         let code = format!(
             "08000000 <embassy_executor::raw::TaskStorage$LT$F$GT$::poll::h1>:\n 8000000:      \tbl\t0x8000100 \
-             <control_core::estimation::Estimator::settle::h2> @ imm = #0x100\n\n\
-             08000100 <control_core::estimation::Estimator::settle::h2>:\n{step} 8000110:      \tbx\tlr\n"
+             <control_core::flight::Flight::decide::h2> @ imm = #0x100\n\n\
+             08000100 <control_core::flight::Flight::decide::h2>:\n{step} 8000110:      \tbx\tlr\n"
         );
         let mut rodata = Vec::new();
         for word in [0x1010_u32, 17, 7, 1] {
@@ -333,7 +334,7 @@ mod tests {
     #[test]
     fn a_call_through_a_pointer_is_found_and_a_return_is_none() {
         let (_, pointers) = image(" 8000104:      \tblx\tr3\n").reach().unwrap();
-        assert_eq!(pointers.into_iter().collect::<Vec<_>>(), ["control_core::estimation::Estimator::settle::h2"]);
+        assert_eq!(pointers.into_iter().collect::<Vec<_>>(), ["control_core::flight::Flight::decide::h2"]);
     }
 
     #[test]
