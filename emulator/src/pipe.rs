@@ -122,24 +122,13 @@ pub fn serve(image: &Image, tasks: &[Task], mut input: impl Read, mut output: im
                 let (after, [within]) = (number(&mut input)?, bytes(&mut input)?);
                 machine.cut_power_at(after, within != 0);
             }
-            b'e' => {
-                let (address, count) = (number(&mut input)?, number(&mut input)?);
-                let content = many(&mut input, count as usize)?;
-                if let Err(failure) = machine.fill_flash(address, &content) {
+            b'e' | b'o' => {
+                let filled = if kind == b'e' { fill_flash } else { put_card }(&mut machine, &mut input)?;
+                if let Err(failure) = filled {
                     return refuse(&mut output, &failure);
                 }
             }
-            b'o' => {
-                let count = number(&mut input)?;
-                let file = String::from_utf8(many(&mut input, count as usize)?).map_err(io::Error::other)?;
-                if let Err(failure) = machine.put_card(Some(Path::new(&file)).filter(|_| count > 0)) {
-                    return refuse(&mut output, &failure);
-                }
-            }
-            b'j' => {
-                let [usual_us, long_us, long_every] = [number(&mut input)?, number(&mut input)?, number(&mut input)?];
-                machine.set_card_busy(Busy { usual_us, long_us, long_every });
-            }
+            b'j' => machine.set_card_busy(busy(&mut input)?),
             b'l' => {
                 let [count] = bytes(&mut input)?;
                 machine.hear_station(&many(&mut input, count.into())?);
@@ -165,6 +154,23 @@ pub fn serve(image: &Image, tasks: &[Task], mut input: impl Read, mut output: im
         }
         output.flush()?;
     }
+}
+
+/// Fills flash as somebody may have left it.
+fn fill_flash(machine: &mut Machine, input: &mut impl Read) -> io::Result<Result<(), Failure>> {
+    let (address, count) = (number(input)?, number(input)?);
+    Ok(machine.fill_flash(address, &many(input, count as usize)?))
+}
+
+/// Puts a card into its slot, or pulls the one that is there.
+fn put_card(machine: &mut Machine, input: &mut impl Read) -> io::Result<Result<(), Failure>> {
+    let count = number(input)?;
+    let file = String::from_utf8(many(input, count as usize)?).map_err(io::Error::other)?;
+    Ok(machine.put_card(Some(Path::new(&file)).filter(|_| count > 0)))
+}
+
+fn busy(input: &mut impl Read) -> io::Result<Busy> {
+    Ok(Busy { usual_us: number(input)?, long_us: number(input)?, long_every: number(input)? })
 }
 
 /// Lets a mishap happen, by its number; the image may be without what that takes.

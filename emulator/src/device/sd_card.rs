@@ -169,7 +169,7 @@ impl SdCard {
             }
             Wants::Start(_) if !matches!(byte, START_OF_MANY | STOP) => {}
             Wants::Start(_) if now < self.busy_until => {
-                self.refuse("the card is sent a block while it is busy".to_owned())
+                self.refuse("the card is sent a block while it is busy".to_owned());
             }
             Wants::Start(_) if byte == STOP => {
                 self.wants = Wants::Command;
