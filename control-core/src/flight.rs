@@ -6,9 +6,10 @@
 //!  decide    all that arrived ─► Estimator::settle ─► estimate ─► Helm::decide ◄─ pilot, companion, system
 //! ```
 //!
-//! The motors are told before anything is done that can wait: corrections, decisions and what is learnt serve the next sample. Nothing is decided here: the estimator and the autopilot decide. What arrives slowly is kept until the next of its kind. A
-//! command is a share of the largest thrust; a speed controller turns its rotor in proportion to what it is told, and thrust
-//! grows with the square of the speed, so the share of the speed is its root.
+//! The motors are told before anything is done that can wait: corrections, decisions and what is learnt serve the next sample. Nothing
+//! is decided here: the estimator and the autopilot decide. Where no inertial sample has come, the machine coasts on what was planned.
+//! What arrives slowly is kept until the next of its kind. A command is a share of the largest thrust; a speed controller turns its rotor
+//! in proportion to what it is told, and thrust grows with the square of the speed, so the share of the speed is its root.
 //!
 //! What is known of this machine's compass and accelerometer, by parameters, is taken off here, before anything is estimated.
 //!

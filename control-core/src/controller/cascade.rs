@@ -64,9 +64,9 @@ impl<S: Scalar> Controller<S> {
 
     /// The force up, N, of a machine whose place and heading others hold; and what is to be learnt, by altitude alone.
     #[inline(always)]
-    pub(super) fn altitude(&self, state: &mut State<S>, errors: &Errors<S>, dt_s: S) -> (S, Option<Taught<S>>) {
+    pub(super) fn altitude(&self, state: &mut State<S>, errors: &Errors<S>, dt_s: S) -> (S, Taught<S>) {
         let (outer, _) = self.command(state, errors, dt_s);
-        (outer.up_n, Some(Taught { axis: Z, lesson: self.altitude_lesson(state, errors, dt_s) }))
+        (outer.up_n, Taught { axis: Z, lesson: self.altitude_lesson(state, errors, dt_s) })
     }
 
     /// Torque that only stops the body from turning, N m.

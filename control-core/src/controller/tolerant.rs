@@ -42,7 +42,7 @@ impl<S: Scalar> Controller<S> {
         let demand = if let (Some(spin), Some(mut spinning)) = (&rotors.spin, state.rotors.spinning) {
             errors.lead_down(&mut state.rotors, spinning.pair, dt_s);
             let (up_n, taught) = self.altitude(state, errors, dt_s);
-            state.taught = taught;
+            state.taught = Some(taught);
             spinning.advance(input, &residual, dt_s);
             state.rotors.spinning = Some(spinning);
             let wanted = Wanted {
