@@ -18,21 +18,32 @@ const LINES: usize = 1024 * 1024 >> LINE_BITS;
 const NOWHERE: u32 = u32::MAX;
 
 /// A fully associative cache of whole lines.
+///
+/// The places are a ring in the order of their last use. The place before the first is the one used longest ago, so to put a line there and
+/// call it the first is to replace it.
 #[derive(Debug)]
 struct Cache {
-    /// Line and time of last use of each place.
-    places: Vec<(u32, u64)>,
+    places: Vec<Place>,
+    /// The place used last.
+    first: u8,
     /// By line of flash, one more than the place that holds it, or 0.
     held: Vec<u8>,
-    /// Reads so far, the clock of last use.
-    reads: u64,
     last: u32,
     on: bool,
 }
 
+/// A line that is held, and its neighbours in the ring: used next after it, and next before it.
+#[derive(Clone, Debug)]
+struct Place {
+    line: u32,
+    newer: u8,
+    older: u8,
+}
+
 impl Cache {
-    fn new(size: usize) -> Self {
-        Self { places: vec![(NOWHERE, 0); size], held: vec![0; LINES], reads: 0, last: NOWHERE, on: false }
+    fn new(size: u8) -> Self {
+        let place = |n: u8| Place { line: NOWHERE, newer: (n + size - 1) % size, older: (n + 1) % size };
+        Self { places: (0..size).map(place).collect(), first: 0, held: vec![0; LINES], last: NOWHERE, on: false }
     }
 
     /// Reads a line; whether flash had to be asked.
@@ -42,23 +53,36 @@ impl Cache {
             return false;
         }
         self.last = line;
-        self.reads += 1;
-        let Some(&place) = self.held.get(line as usize).filter(|_| self.on) else { return true };
-        if place > 0 {
-            self.places[usize::from(place) - 1].1 = self.reads;
+        let Some(&held) = self.held.get(line as usize).filter(|_| self.on) else { return true };
+        if held > 0 {
+            self.bring_forward(held - 1);
             return false;
         }
         self.replace(line);
         true
     }
 
+    /// Makes a place the one used last.
+    fn bring_forward(&mut self, place: u8) {
+        if place == self.first {
+            return;
+        }
+        let Place { newer, older, .. } = self.places[usize::from(place)];
+        (self.places[usize::from(newer)].older, self.places[usize::from(older)].newer) = (older, newer);
+        let oldest = self.places[usize::from(self.first)].newer;
+        (self.places[usize::from(oldest)].older, self.places[usize::from(self.first)].newer) = (place, place);
+        (self.places[usize::from(place)].newer, self.places[usize::from(place)].older) = (oldest, self.first);
+        self.first = place;
+    }
+
     fn replace(&mut self, line: u32) {
-        let oldest = (0..self.places.len()).min_by_key(|&place| self.places[place].1).unwrap_or(0);
-        if let Some(held) = self.held.get_mut(self.places[oldest].0 as usize) {
+        let oldest = self.places[usize::from(self.first)].newer;
+        let dropped = std::mem::replace(&mut self.places[usize::from(oldest)].line, line);
+        if let Some(held) = self.held.get_mut(dropped as usize) {
             *held = 0;
         }
-        self.places[oldest] = (line, self.reads);
-        self.held[line as usize] = oldest as u8 + 1;
+        self.held[line as usize] = oldest + 1;
+        self.first = oldest;
     }
 }
 
