@@ -92,6 +92,8 @@ struct Stream {
     memory: u32,
     /// Whether it was told what to move since it last began to.
     told: bool,
+    /// Who asks for its beats, by its channel when it was last switched on.
+    request: Option<Request>,
 }
 
 /// One word to move.
@@ -180,8 +182,10 @@ impl Dma {
 
     /// A stream is switched on: refuses what is not modelled.
     fn start(&mut self, index: usize) -> Option<()> {
-        self.request(index)?;
         let stream = &mut self.streams[index];
+        let channel = stream.cr >> 25 & 7;
+        let row = REQUESTS.iter().find(|row| (row.0, row.1, row.2) == (self.number, index, channel));
+        stream.request = Some(row?.3);
         (stream.cr >> 11 & 3 == stream.cr >> 13 & 3 && stream.cr & PINC == 0).then_some(())?;
         // One that was only switched off goes on where it was: an STM32F411 was seen to (embassy-rs/embassy, issue 6592).
         if std::mem::take(&mut stream.told) {
@@ -193,9 +197,7 @@ impl Dma {
     /// Who asks for the beats of a stream, if it is on.
     pub(crate) fn request(&self, index: usize) -> Option<Request> {
         let stream = &self.streams[index];
-        let channel = stream.cr >> 25 & 7;
-        let row = REQUESTS.iter().find(|row| (row.0, row.1, row.2) == (self.number, index, channel))?;
-        (stream.cr & EN != 0).then_some(row.3)
+        stream.request.filter(|_| stream.cr & EN != 0)
     }
 
     /// The streams that are on.
