@@ -5,7 +5,7 @@
 //! and takes it. So an exception comes up to one block late, some ten cycles, and an access to a peripheral happens at the
 //! time its block began.
 //!
-//! Asleep in WFI or WFE, time jumps to whatever happens next.
+//! Asleep in WFI or WFE, time jumps to whatever happens next. Code in RAM is not modelled.
 use crate::board;
 use crate::chip::PORRSTF;
 use crate::exception::{self, ENTRY_CYCLES};
@@ -324,6 +324,9 @@ impl Machine {
 
     /// The instruction at `pc` cannot be run: HardFault.
     fn fault(&mut self, error: uc_error, pc: u32) -> Result<(), Failure> {
+        if (RAM_START..RAM_START + RAM_BYTES).contains(&pc) {
+            return Err(self.failure("code in RAM, which is not modelled"));
+        }
         let lr = self.cpu.register(R::LR);
         self.close(pc);
         // UNDEFINSTR, or a precise data access violation.
@@ -486,6 +489,14 @@ mod tests {
         let mut machine = Machine::new(&image(&[], &[0x4801, 0x6800, 0xbf30, 0xe7fd, 0x6400, 0x4000])).unwrap();
         let failure = machine.run_until(10_000).unwrap_err();
         assert!(failure.0.contains("0x40006400"), "{failure}");
+    }
+
+    #[test]
+    fn code_in_ram_ends_the_run_and_is_named() {
+        // ldr r0, =0x20000001; bx r0
+        let mut machine = Machine::new(&image(&[], &[0x4800, 0x4700, 0x0001, 0x2000])).unwrap();
+        let failure = machine.run_until(10_000).unwrap_err();
+        assert!(failure.0.contains("code in RAM") && failure.0.contains("0x20000000"), "{failure}");
     }
 
     #[test]

@@ -7,10 +7,14 @@ use crate::nvic::Masks;
 use crate::peripheral::flash::{Extent, FLASH_START};
 use crate::tasks::Tasks;
 use std::cell::RefCell;
+use std::ops::Range;
 use std::rc::Rc;
-use unicorn_engine::{Arch, ArmCpuModel, HookType, Mode, Prot, RegisterARM as R, Unicorn, uc_error};
+use unicorn_engine::{
+    Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, TlbEntry, TlbType, Unicorn, uc_error,
+};
 
 pub(super) const FLASH_BYTES: u32 = 1024 * 1024;
+const FLASH: Range<u64> = FLASH_START as u64..(FLASH_START + FLASH_BYTES) as u64;
 /// Above the image and below what it stores: a branch to itself, for [`super::Machine::hang`].
 pub(super) const LOOP: (u32, [u8; 2]) = (FLASH_START + 768 * 1024 - 2, [0xfe, 0xe7]);
 pub(super) const RAM_START: u32 = 0x2000_0000;
@@ -125,13 +129,19 @@ impl State {
 pub(super) fn wire(state: &Rc<RefCell<State>>) -> Result<Unicorn<'static, ()>, uc_error> {
     let mut unicorn = Unicorn::new(Arch::ARM, Mode::MCLASS)?;
     unicorn.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32)?;
+    // Pages that code may be in are searched for it at each store; here only flash is, and what a fetch goes to.
+    unicorn.ctl_set_tlb_type(TlbType::VIRTUAL)?;
+    unicorn.add_tlb_hook(1, 0, |_, address, access| {
+        let code = FLASH.contains(&address) || access == MemType::FETCH;
+        Some(TlbEntry { paddr: address, perms: if code { Prot::ALL } else { Prot::READ | Prot::WRITE } })
+    })?;
     // No address ends the run.
     unicorn.ctl_exits_enable()?;
     unicorn.mem_map(FLASH_START.into(), FLASH_BYTES.into(), Prot::READ | Prot::EXEC)?;
     // As it leaves the factory.
     unicorn.mem_write(FLASH_START.into(), &vec![0xff; FLASH_BYTES as usize])?;
     unicorn.mem_write(LOOP.0.into(), &LOOP.1)?;
-    unicorn.mem_map(RAM_START.into(), RAM_BYTES.into(), Prot::ALL)?;
+    unicorn.mem_map(RAM_START.into(), RAM_BYTES.into(), Prot::READ | Prot::WRITE)?;
     unicorn.mem_map(CORE_RAM.0, CORE_RAM.1, Prot::READ | Prot::WRITE)?;
     for (base, bytes) in PERIPHERALS {
         debug_assert!(bytes % PAGE == 0);
@@ -149,18 +159,22 @@ pub(super) fn wire(state: &Rc<RefCell<State>>) -> Result<Unicorn<'static, ()>, u
         unicorn.mmio_map(base, bytes, Some(read), Some(write))?;
     }
     let programmer = Rc::clone(state);
-    let flash = (u64::from(FLASH_START), u64::from(FLASH_START + FLASH_BYTES - 1));
-    unicorn.add_mem_hook(HookType::MEM_WRITE_PROT, flash.0, flash.1, move |unicorn, _, address, bytes, value| {
-        let chip = &mut programmer.borrow_mut().chip;
-        let (now, core_hz) = (chip.now, chip.core_hz());
-        match chip.flash.program(now, core_hz) {
-            Some(extent) if bytes == 4 => clear_bits(unicorn, address as u32, value as u32, extent),
-            _ => chip.fail(format!("{value:#x} stored at {address:#010x}, in flash that is locked or busy")),
-        }
-        chip.wait_for_flash();
-        // Go on: the store itself does nothing, or this run ends.
-        true
-    })?;
+    unicorn.add_mem_hook(
+        HookType::MEM_WRITE_PROT,
+        FLASH.start,
+        FLASH.end - 1,
+        move |unicorn, _, address, bytes, value| {
+            let chip = &mut programmer.borrow_mut().chip;
+            let (now, core_hz) = (chip.now, chip.core_hz());
+            match chip.flash.program(now, core_hz) {
+                Some(extent) if bytes == 4 => clear_bits(unicorn, address as u32, value as u32, extent),
+                _ => chip.fail(format!("{value:#x} stored at {address:#010x}, in flash that is locked or busy")),
+            }
+            chip.wait_for_flash();
+            // Go on: the store itself does nothing, or this run ends.
+            true
+        },
+    )?;
     let blocks = Rc::clone(state);
     // From 1 to 0: everywhere.
     unicorn.add_block_hook(1, 0, move |unicorn, address, size| {
