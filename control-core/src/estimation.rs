@@ -121,8 +121,10 @@ pub struct EstimatorState {
     filter: Filter,
     alignment: Alignment,
     watches: [Watch; SOURCES],
-    /// Admitted, to be fused with the next step of the covariance.
+    /// Admitted, to be fused with the next step of the covariance; of the compass, the field of the earth.
     pending: Measurements,
+    /// What the motors bear: see [`Self::bear`].
+    motor_load: f32,
     gyro: GyroState,
     aided: Aided,
     /// Whether a position, and an altitude, of the world's frame has been seen.
@@ -167,6 +169,11 @@ impl EstimatorState {
     /// How the estimate is made at present.
     pub fn phase(&self) -> Phase {
         self.phase
+    }
+
+    /// Hears what the motors bear, as [`crate::compass::load`] has it: what their field at the compass is made of from now on.
+    pub fn bear(&mut self, motor_load: f32) {
+        self.motor_load = motor_load;
     }
 
     /// Whether the last [`Estimator::sample`] had an inertial sample.

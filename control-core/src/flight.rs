@@ -11,7 +11,7 @@
 //! What arrives slowly is kept until the next of its kind. A command is a share of the largest thrust; a speed controller turns its rotor
 //! in proportion to what it is told, and thrust grows with the square of the speed, so the share of the speed is its root.
 //!
-//! What is known of this machine's compass and accelerometer, by parameters, is taken off here, before anything is estimated.
+//! What is known of this machine's compass and accelerometer, by parameters, is given to the estimator, which takes it off what they say.
 //!
 //! [`Helm`] is the part after the estimate, for those who make the estimate themselves or are shown the truth.
 //!
@@ -102,7 +102,6 @@ pub struct Arrived {
 /// Estimator and helm.
 #[derive(Debug)]
 pub struct Flight {
-    compass: Compass,
     estimator: Estimator,
     state: EstimatorState,
     helm: Helm,
@@ -117,9 +116,9 @@ impl Flight {
     /// [`Unflyable`] names the first value that cannot fly.
     pub fn try_new(config: &FlightConfig, parameters: &Parameters) -> Result<Self, Unflyable> {
         let helm = Helm::new(Autopilot::try_with(&config.controller, Some(config.regulators), parameters)?);
-        let offset_m_s2 = compass::accelerometer_offset(parameters);
-        let estimator = Estimator::try_new(&config.estimator.with_accelerometer_offset(offset_m_s2))?;
-        Ok(Self { compass: Compass::of(parameters), state: estimator.state(), estimator, helm, resumed_us: 0 })
+        let (compass, offset_m_s2) = (Compass::of(parameters), compass::accelerometer_offset(parameters));
+        let estimator = Estimator::try_new(&config.estimator.calibrated(compass, offset_m_s2))?;
+        Ok(Self { state: estimator.state(), estimator, helm, resumed_us: 0 })
     }
 
     /// What the motors do; to be called once an inertial sample, or when one is missed. Nothing that can wait until they are told is
@@ -134,18 +133,10 @@ impl Flight {
 
     /// Takes in all that arrived, and decides what the next sample is met with; to be called once after each [`Self::act`], with the same.
     pub fn decide(&mut self, now_us: u64, arrived: &Arrived) {
-        let corrected;
-        let measurements = match arrived.measurements.magnetic_ut {
-            // Few steps have one: the copy costs little.
-            Some(field) => {
-                let load = self.helm.decision().map_or(0.0, |decision| compass::load(&decision.motors));
-                let value = self.compass.correct(field.value, load);
-                corrected = Measurements { magnetic_ut: Some(Stamped { value, ..field }), ..arrived.measurements };
-                &corrected
-            }
-            None => &arrived.measurements,
-        };
-        self.estimator.settle(&mut self.state, measurements, now_us);
+        if arrived.measurements.magnetic_ut.is_some() {
+            self.state.bear(self.helm.decision().map_or(0.0, |decision| compass::load(&decision.motors)));
+        }
+        self.estimator.settle(&mut self.state, &arrived.measurements, now_us);
         self.helm.decide(now_us, self.state.estimate(), self.state.phase() != Phase::Aligning, arrived);
     }
 

@@ -45,6 +45,9 @@ pub struct Aboard {
     /// Where the estimator's origin is, m.
     origin_m: Vec3<Ned>,
     estimate: Estimate,
+    /// What arrived in the last tick.
+    arrived: Measurements,
+    /// The same less what is known of the compass, for those who look on.
     measurements: Measurements,
 }
 
@@ -63,7 +66,7 @@ pub fn estimator(
         gyro: GyroConfig { sample_hz: control_hz as f32, ..EstimatorConfig::FLIGHT.gyro },
         ..EstimatorConfig::FLIGHT
     };
-    Estimator::try_new(&config.with_accelerometer_offset(calibration.accelerometer_m_s2))
+    Estimator::try_new(&config.calibrated(calibration.compass, calibration.accelerometer_m_s2))
 }
 
 impl Aboard {
@@ -94,6 +97,7 @@ impl Aboard {
             placed: keys.gnss.is_some() || keys.vision.is_some(),
             origin_m: Vec3::zero(),
             estimate,
+            arrived: Measurements::default(),
             measurements: Measurements::default(),
         }
     }
@@ -121,17 +125,19 @@ impl Aboard {
     /// Reads the sensors, and estimates what the motors wait for; to be called once a tick. Times of `world` are the flight's.
     pub fn sample(&mut self, world: &World) {
         let t_s = world.t_s + self.began_s;
-        self.measurements = self.suite.sample(&World { t_s, ..*world });
+        self.arrived = self.suite.sample(&World { t_s, ..*world });
+        self.measurements = self.arrived;
         self.calibration.correct(&mut self.measurements, self.load);
+        self.state.bear(self.load);
         let now_us = self.clock_us(world.t_s);
-        let estimate = *self.estimator.sample(&mut self.state, &self.measurements, now_us);
+        let estimate = *self.estimator.sample(&mut self.state, &self.arrived, now_us);
         self.believe(estimate);
     }
 
     /// Estimates the rest, at `t_s` of the flight; to be called once after each sample.
     pub fn settle(&mut self, t_s: f64) {
         let now_us = self.clock_us(t_s);
-        let estimate = *self.estimator.settle(&mut self.state, &self.measurements, now_us);
+        let estimate = *self.estimator.settle(&mut self.state, &self.arrived, now_us);
         self.believe(estimate);
     }
 
@@ -154,7 +160,7 @@ impl Aboard {
         libm::round((t_s + self.began_s) * 1e6) as u64
     }
 
-    /// What arrived in the last tick.
+    /// What arrived in the last tick, less what is known of the compass.
     pub fn measurements(&self) -> &Measurements {
         &self.measurements
     }

@@ -50,10 +50,12 @@ impl Estimator {
             }
         }
         if let Some(s) = magnetic_ut {
+            // Of the bits that were read: those of the field change with the motors, stuck or not.
             let Vec3 { x, y, z, .. } = s.value;
-            let share = s.value.norm_squared() / (self.earth_ut * self.earth_ut);
+            let value = self.config.compass.correct(s.value, state.motor_load);
+            let share = value.norm_squared() / (self.earth_ut * self.earth_ut);
             if admits(Source::Magnetometer, Look::of(s.time_us, [x, y, z], FIELD_SHARE_SQUARED.contains(&share))) {
-                state.pending.magnetic_ut = *magnetic_ut;
+                state.pending.magnetic_ut = Some(Stamped { value, ..*s });
             }
         }
         if let Some(s) = range_m
@@ -169,4 +171,40 @@ pub(super) fn is_rotation(attitude: &Attitude) -> bool {
     let long = (x.norm_squared() - 1.0).abs().max((y.norm_squared() - 1.0).abs());
     // The cross product of unit vectors that are not at right angles is short of the third, which is checked by its difference.
     off <= CROOKED_MAX * CROOKED_MAX && long <= CROOKED_MAX && (z.norm_squared() - 1.0).abs() <= CROOKED_MAX
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::compass::Compass;
+    use crate::estimation::EstimatorConfig;
+
+    /// What is wrong with a magnetometer after twenty samples while the motors' load changes, which is taken off as `motors_ut` at full load.
+    fn fault_of(measured_ut: impl Fn(u64) -> f32, motors_ut: f32) -> Option<SourceFault> {
+        let compass = Compass { motors_ut: Vec3::new(motors_ut, 0.0, 0.0), ..Compass::AS_BUILT };
+        let config = EstimatorConfig::FLIGHT.calibrated(compass, Vec3::zero());
+        let estimator = Estimator::try_new(&config).unwrap();
+        let mut state = estimator.state();
+        for n in 1..=20 {
+            let time_us = 20_000 * n;
+            state.bear(load(n));
+            let value = Vec3::new(measured_ut(n), 0.0, 43.4);
+            let measurements =
+                Measurements { magnetic_ut: Some(Stamped { time_us, value }), ..Measurements::default() };
+            estimator.admit(&mut state, &measurements, time_us);
+        }
+        state.watches[Source::Magnetometer as usize].status.fault
+    }
+
+    fn load(n: u64) -> f32 {
+        0.3 + 0.01 * (n % 7) as f32
+    }
+
+    #[test]
+    fn a_magnetometer_is_stuck_by_what_it_says_and_not_by_what_the_motors_make_of_it() {
+        for motors_ut in [0.0, 8.0] {
+            assert_eq!(fault_of(|_| 20.5, motors_ut), Some(SourceFault::Stuck), "{motors_ut} uT");
+            assert_eq!(fault_of(|n| 20.5 + 8.0 * load(n), motors_ut), None, "{motors_ut} uT");
+        }
+    }
 }

@@ -2,6 +2,7 @@
 //!
 //! Densities are one-sided, per square root of hertz. Where each number comes from is in docs/estimation.md.
 use super::gyro::GyroConfig;
+use crate::compass::Compass;
 use crate::frames::{Body, Ned, Vec3};
 use core::fmt;
 
@@ -85,6 +86,8 @@ pub struct EstimatorConfig {
     pub limits: HealthLimits,
     /// Filters of the rates that are flown on.
     pub gyro: GyroConfig,
+    /// What is known of the compass, taken off what it says.
+    pub compass: Compass,
     /// What the first accelerometer is known to read too much, m/s².
     pub accelerometer_offset_m_s2: Vec3<Body>,
     /// The earth's field where it flies, µT; north is true north, so that the declination is in it.
@@ -130,16 +133,17 @@ impl EstimatorConfig {
             dead_reckoning_s: 5.0,
         },
         gyro: GyroConfig::FLIGHT,
+        compass: Compass::AS_BUILT,
         accelerometer_offset_m_s2: Vec3::zero(),
         earth_field_ut: Vec3::new(20.5, 0.0, 43.4),
         gate_sigma: 5.0,
     };
 
-    /// The same with an accelerometer whose offset has been measured. How sure of it the filter is stays as it was: an accelerometer that fails
-    /// would else be believed for too long.
+    /// The same with a compass, and an accelerometer's offset, that have been measured. How sure of that the filter is stays as it was: an
+    /// accelerometer that fails would else be believed for too long.
     #[must_use]
-    pub fn with_accelerometer_offset(self, accelerometer_offset_m_s2: Vec3<Body>) -> Self {
-        Self { accelerometer_offset_m_s2, ..self }
+    pub fn calibrated(self, compass: Compass, accelerometer_offset_m_s2: Vec3<Body>) -> Self {
+        Self { compass, accelerometer_offset_m_s2, ..self }
     }
 
     /// Refuses a configuration with a number that cannot be meant.
@@ -152,6 +156,7 @@ impl EstimatorConfig {
             earth_field_ut: field,
             gyro,
             accelerometer_offset_m_s2,
+            compass: _,
         } = self;
         for (field, value, range) in [
             ("inertial.gyro_rad_s_rt_hz", i.gyro_rad_s_rt_hz, (1e-6, 0.1)),

@@ -24,6 +24,7 @@ impl Estimator {
             alignment: Alignment::NEW,
             watches: [Watch::UNHEARD; SOURCES],
             pending: Measurements::default(),
+            motor_load: 0.0,
             gyro: GyroState::NEW,
             aided: Aided::default(),
             placed: false,
