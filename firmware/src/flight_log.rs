@@ -17,12 +17,12 @@ mod preamble;
 mod steps;
 
 pub use preamble::{Fact, Facts, FactsError, Preamble};
-pub use steps::{Packer, StepError, Steps};
+pub use steps::{COUNT_M_S2, COUNT_RAD_S, Packer, StepError, Steps};
 
 /// Bytes of a block: a card's sector.
 pub const BLOCK_BYTES: usize = 512;
 /// Version of the format. Raise it when a byte changes its meaning.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 const MAGIC: [u8; 2] = *b"QF";
 /// Bytes before the content, and of the checksum after it.
 const HEAD: usize = 10;
@@ -164,7 +164,7 @@ mod tests {
         }
         assert_eq!(open(&[0; BLOCK_BYTES]), Err(BlockError::Foreign));
         let mut newer = good;
-        newer[2] = 2;
-        assert_eq!(open(&newer), Err(BlockError::Version(2)));
+        newer[2] = 9;
+        assert_eq!(open(&newer), Err(BlockError::Version(9)));
     }
 }

@@ -13,7 +13,7 @@ use control_core::pilot::{PilotInput, Sticks};
 /// Words of a record.
 pub const WORDS: usize = 59;
 /// Bits of the first word: which of the optional parts are there, and facts.
-const HAS_IMU: u32 = 1;
+pub(crate) const HAS_IMU: u32 = 1;
 const HAS_BATTERY: u32 = 1 << 1;
 const HAS_PILOT: u32 = 1 << 2;
 const RUNS: u32 = 1 << 3;

@@ -12,8 +12,7 @@ use crate::through::Verdict;
 use crate::through::twin::Twin;
 use control_core::flight::{Flight, Unflyable};
 use control_core::parameters::{Parameters, TABLE, index_of};
-use firmware::flight_log::{BLOCK_BYTES, BlockError, Fact, Facts, Kind, Opened, Steps, open};
-use firmware::icm42688::{FORCE_M_S2, RATE_RAD_S};
+use firmware::flight_log::{BLOCK_BYTES, BlockError, COUNT_M_S2, COUNT_RAD_S, Fact, Facts, Kind, Opened, Steps, open};
 use firmware::record::{Record, WORDS};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -221,7 +220,7 @@ impl Said {
         if words != WORDS as u32 {
             return Err(other("record_words", words.to_string(), WORDS.to_string()));
         }
-        for (name, known) in [("rate_rad_s", RATE_RAD_S), ("force_m_s2", FORCE_M_S2)] {
+        for (name, known) in [("rate_rad_s", COUNT_RAD_S), ("force_m_s2", COUNT_M_S2)] {
             let found = f32::from_bits(self.word(name)?);
             if found.to_bits() != known.to_bits() {
                 return Err(other(name, found.to_string(), known.to_string()));
@@ -309,8 +308,8 @@ mod tests {
                 let time_us = 120_000 + 500 * u64::from(step);
                 let stamped = |value| Some(Stamped { time_us: time_us - 7, value });
                 let count = |n: u32| f32::from((step * n % 13) as i16 - 6);
-                let rate_rad_s = Vec3::new(count(3), count(5), count(7)) * RATE_RAD_S;
-                let force = Vec3::new(count(11), count(2), -2_048.0 + count(3)) * FORCE_M_S2;
+                let rate_rad_s = Vec3::new(count(3), count(5), count(7)) * COUNT_RAD_S;
+                let force = Vec3::new(count(11), count(2), -8_192.0 + count(3)) * COUNT_M_S2;
                 let vision = Vision {
                     position_m: Vec3::new(0.0, 0.1, -0.05),
                     attitude: Attitude::level(),
@@ -445,7 +444,7 @@ mod tests {
         assert_eq!(said(&[]), "image: missing: every log says it before its first step");
         let mut newer = good.clone();
         newer[2] = 9;
-        assert_eq!(said(&newer), "offset 2: version 9: must be 1");
+        assert_eq!(said(&newer), "offset 2: version 9: must be 2");
         let mut torn = good.clone();
         torn[600] ^= 1;
         assert_eq!(said(&torn), "offset 512: the block that says what flew is damaged");
@@ -455,8 +454,8 @@ mod tests {
         known.words.extend([
             ("resumed".to_owned(), 0),
             ("record_words".to_owned(), WORDS as u32),
-            ("rate_rad_s".to_owned(), RATE_RAD_S.to_bits()),
-            ("force_m_s2".to_owned(), FORCE_M_S2.to_bits()),
+            ("rate_rad_s".to_owned(), COUNT_RAD_S.to_bits()),
+            ("force_m_s2".to_owned(), COUNT_M_S2.to_bits()),
         ]);
         assert_eq!(known.flown().expect("all is said").parameters, parameters);
         for (name, bits, says) in [

@@ -5,10 +5,9 @@
 //! ```
 //!
 //! Names of parameters are in capitals, all others are not. Numbers are words too, by their bits.
-use super::{Block, Kind};
+use super::{Block, COUNT_M_S2, COUNT_RAD_S, Kind};
 use control_core::parameters::Parameters;
 
-use crate::icm42688::{FORCE_M_S2, RATE_RAD_S};
 use crate::record::WORDS;
 
 /// What is known of a name.
@@ -46,8 +45,8 @@ impl Preamble<'_> {
             ("board", Fact::Text(self.board)),
             ("resumed", Fact::Word(self.resumed.into())),
             ("record_words", Fact::Word(WORDS as u32)),
-            ("rate_rad_s", Fact::Word(RATE_RAD_S.to_bits())),
-            ("force_m_s2", Fact::Word(FORCE_M_S2.to_bits())),
+            ("rate_rad_s", Fact::Word(COUNT_RAD_S.to_bits())),
+            ("force_m_s2", Fact::Word(COUNT_M_S2.to_bits())),
         ];
         let parameters = self.parameters.iter().map(|(known, value)| (known.name, Fact::Word(value.to_bits())));
         let mut facts = facts.into_iter().chain(parameters).peekable();
@@ -172,7 +171,7 @@ mod tests {
         assert_eq!(of("commit").as_deref(), Some("c0ffee"));
         assert_eq!(of("board").as_deref(), Some("a board"));
         assert_eq!(of("resumed").as_deref(), Some("00000001"));
-        assert_eq!(of("rate_rad_s"), Some(std::format!("{:08x}", RATE_RAD_S.to_bits())));
+        assert_eq!(of("rate_rad_s"), Some(std::format!("{:08x}", COUNT_RAD_S.to_bits())));
         for (known, value) in parameters.iter() {
             assert_eq!(of(known.name), Some(std::format!("{:08x}", value.to_bits())), "{}", known.name);
         }

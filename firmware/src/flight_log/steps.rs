@@ -1,19 +1,19 @@
 //! Steps: the words of a record, without those that can be foreseen.
 //!
 //! ```text
-//! step      lead u16 │ µs since the last u16, if it follows │ inertial counts 6 × i16, if they are exact
+//! step      lead u16 │ µs since the last u16, if it follows │ inertial counts 6 × i16, if there is a sample
 //!           │ for each group of eight words with an unforeseen one: which u8 │ those words u32
 //! lead      bits 0 to 13: groups with an unforeseen word; 14: counts; 15: it follows
 //! ```
 //!
 //! Foreseen is 0; for a step that follows the last one in its block, the same first word, a step number one higher, the
-//! time that is given, and the same rotors' speeds; and what the counts say. An inertial value is its count times its scale, as the driver computes it:
-//! where this gives the same bits, the count stands for it, where not, the value. A count of −32768 is −0.
+//! time that is given, and the same rotors' speeds; and what the counts say. A sample is the mean of four records, so its count is a quarter of
+//! the part's; a value is its count times that, as the driver computes it. Where this does not give its bits, the value follows as a word.
 //!
 //! Invariant: what is read has the bits of what was written, whatever they are.
 use super::{Block, Kind, ROOM};
-use crate::icm42688::{FORCE_M_S2, RATE_RAD_S};
-use crate::record::{Record, SLOW, WORDS};
+use crate::icm42688::{FORCE_M_S2, RATE_RAD_S, RECORDS};
+use crate::record::{HAS_IMU, Record, SLOW, WORDS};
 
 const FOLLOWS: u16 = 1 << 15;
 const COUNTED: u16 = 1 << 14;
@@ -90,14 +90,14 @@ impl Default for Packer {
 /// Appends a step; false if there is no room for it, and nothing changes then.
 fn write(words: &Words, last: Option<&Lead>, block: &mut Block) -> bool {
     let elapsed_us = last.and_then(|last| elapsed_us(last, words));
-    let counts = counts(words);
+    let counts = (words[0] & HAS_IMU != 0).then(|| counts(words));
     let (mut first, mut ends) = ([0; FIRST], [0; WORDS - LAST]);
     if let (Some(last), Some(elapsed_us)) = (last, elapsed_us) {
         first[..4].copy_from_slice(&follow(last, elapsed_us));
         ends[ROTORS - LAST..].copy_from_slice(&last.rotors);
     }
-    if counts.is_some() {
-        first[INERTIAL].copy_from_slice(&words[INERTIAL]);
+    if let Some(counts) = counts {
+        first[INERTIAL].copy_from_slice(&values(counts));
     }
     let mut which = [0_u8; GROUPS];
     for (which, (words, foreseen)) in which.iter_mut().zip(words.chunks(GROUP).zip(first.chunks(GROUP))) {
@@ -161,43 +161,32 @@ fn follow(&Lead { head: [parts, step, low, high], .. }: &Lead, elapsed_us: u16) 
     [parts, step.wrapping_add(1), time_us as u32, (time_us >> 32) as u32]
 }
 
-/// The counts that stand for the inertial sample, if there is one and they do.
-fn counts(words: &Words) -> Option<[i16; 6]> {
-    let mut counts = [0; 6];
-    let mut any = 0;
-    for ((count, &word), (scale, inverse)) in
-        counts.iter_mut().zip(&words[INERTIAL]).zip(SCALES.into_iter().zip(INVERSES))
-    {
-        *count = if word == (-0.0_f32).to_bits() {
-            i16::MIN
-        } else {
-            // Its last bits are the nearest integer; of what is too large they are anything, which is not the value.
-            let near = f32::from_bits(word) * inverse + ROUND;
-            near.to_bits().wrapping_sub(ROUND.to_bits()) as i16
-        };
-        if value(*count, scale) != word {
-            return None;
-        }
-        any |= *count;
-    }
-    (any != 0).then_some(counts)
+/// The counts that are nearest to the inertial sample.
+fn counts(words: &Words) -> [i16; 6] {
+    core::array::from_fn(|n| {
+        // Its last bits are the nearest integer; of what is too large they are anything, which is not the value.
+        let near = f32::from_bits(words[INERTIAL.start + n]) * INVERSES[n] + ROUND;
+        near.to_bits().wrapping_sub(ROUND.to_bits()) as i16
+    })
+}
+
+/// The bits of what counts say.
+fn values(counts: [i16; 6]) -> [u32; 6] {
+    core::array::from_fn(|n| (f32::from(counts[n]) * COUNTS[n]).to_bits())
 }
 
 /// A number to which none of the size of a count can be added but it is rounded to an integer.
 const ROUND: f32 = 12_582_912.0;
 
-/// The scales of the counts.
-const SCALES: [f32; 6] = [RATE_RAD_S, RATE_RAD_S, RATE_RAD_S, FORCE_M_S2, FORCE_M_S2, FORCE_M_S2];
-
+/// What a count is: of the rates, rad/s, and of the specific force, m/s².
+pub const COUNT_RAD_S: f32 = RATE_RAD_S / RECORDS as f32;
+/// See [`COUNT_RAD_S`].
+pub const COUNT_M_S2: f32 = FORCE_M_S2 / RECORDS as f32;
+const COUNTS: [f32; 6] = [COUNT_RAD_S, COUNT_RAD_S, COUNT_RAD_S, COUNT_M_S2, COUNT_M_S2, COUNT_M_S2];
 const INVERSES: [f32; 6] = {
-    let (rate, force) = (1.0 / RATE_RAD_S, 1.0 / FORCE_M_S2);
+    let (rate, force) = (1.0 / COUNT_RAD_S, 1.0 / COUNT_M_S2);
     [rate, rate, rate, force, force, force]
 };
-
-/// The bits of what a count says.
-fn value(count: i16, scale: f32) -> u32 {
-    if count == i16::MIN { -0.0 } else { f32::from(count) * scale }.to_bits()
-}
 
 /// The steps of a block.
 #[derive(Clone, Debug)]
@@ -232,9 +221,9 @@ impl<'a> Steps<'a> {
             words[ROTORS..].copy_from_slice(&last.rotors);
         }
         if lead & COUNTED != 0 {
-            for (word, scale) in words[INERTIAL].iter_mut().zip(SCALES) {
-                *word = value(i16::from_le_bytes(self.take()?), scale);
-            }
+            let bytes: [u8; 12] = self.take()?;
+            let counts = core::array::from_fn(|n| i16::from_le_bytes([bytes[2 * n], bytes[2 * n + 1]]));
+            words[INERTIAL].copy_from_slice(&values(counts));
         }
         for (n, group) in words.chunks_mut(GROUP).enumerate().filter(|(n, _)| lead >> n & 1 != 0) {
             let [which] = self.take()?;
@@ -294,9 +283,8 @@ mod tests {
             *word = (900.0 + ((n + place as u32) / 4 % 7) as f32).to_bits();
         }
         words[WORDS - 1] = 500;
-        for ((place, word), scale) in (0_i16..).zip(&mut words[INERTIAL]).zip(SCALES) {
-            *word = value((n * 37 % 4_001) as i16 - 2_000 + place, scale);
-        }
+        let counts = [0, 1, 2, 3, 4, 5].map(|place| (n * 37 % 4_001) as i16 - 2_000 + place);
+        words[INERTIAL].copy_from_slice(&values(counts));
         for (place, word) in words[12..16].iter_mut().enumerate() {
             *word = (0.4 + 1e-3 * ((n + place as u32) % 100) as f32).to_bits();
         }
@@ -313,7 +301,7 @@ mod tests {
 
     #[test]
     fn a_value_that_no_count_gives_is_kept_as_it_is() {
-        for odd in [-0.0, 1e-30, f32::NAN, f32::INFINITY, -1e9, RATE_RAD_S.next_up()] {
+        for odd in [-0.0, 1e-30, f32::NAN, f32::INFINITY, -1e9, 10.0, RATE_RAD_S.next_up()] {
             let mut words = flying(1);
             words[INERTIAL.start + 1] = odd.to_bits();
             assert_eq!(unpack(&pack(&[words, words])), [words, words], "{odd}");
