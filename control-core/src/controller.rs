@@ -179,7 +179,10 @@ impl<S: Scalar> Controller<S> {
             always_integrates: S::Mask::splat(cascade == Cascade::Paper),
             cascade,
             coupling: Coupling::new(cascade, airframe.inertia_kg_m2),
-            rotors: rotors.map(|config| Rotors::try_new(&config, regulators, &airframe, control_hz)).transpose()?,
+            rotors: match &rotors {
+                Some(config) => Some(Rotors::try_new(config, regulators, &airframe, control_hz)?),
+                None => None,
+            },
             weight_n: s(airframe.weight_n()),
             yaw_brake_nm_s: s(gains.psi.k0[2]),
             filter_rad_s: s(core::f32::consts::TAU * filter_hz),

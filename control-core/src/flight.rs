@@ -99,6 +99,38 @@ pub struct Arrived {
     pub parameters_valid: bool,
 }
 
+/// What flies, checked, with these parameters; nothing of it changes in flight.
+///
+/// A flight is 12 kB: who has little stack checks first, and lets it begin where it is to stay.
+#[derive(Debug)]
+pub struct Checked {
+    estimator: Estimator,
+    autopilot: Autopilot,
+}
+
+impl Checked {
+    /// Checks `config`, with its gains and limits as `parameters` say.
+    ///
+    /// # Errors
+    /// [`Unflyable`] names the first value that cannot fly.
+    // Not inlined: what it takes of the stack is free again after it.
+    #[inline(never)]
+    pub fn try_new(config: &FlightConfig, parameters: &Parameters) -> Result<Self, Unflyable> {
+        let (compass, offset_m_s2) = (Compass::of(parameters), compass::accelerometer_offset(parameters));
+        Ok(Self {
+            estimator: Estimator::try_new(&config.estimator.calibrated(compass, offset_m_s2))?,
+            autopilot: Autopilot::try_with(&config.controller, Some(config.regulators), parameters)?,
+        })
+    }
+
+    /// Just switched on.
+    #[inline(never)]
+    pub fn flight(self) -> Flight {
+        let Self { estimator, autopilot } = self;
+        Flight { state: estimator.state(), estimator, helm: Helm::new(autopilot), resumed_us: 0 }
+    }
+}
+
 /// Estimator and helm.
 #[derive(Debug)]
 pub struct Flight {
@@ -115,10 +147,7 @@ impl Flight {
     /// # Errors
     /// [`Unflyable`] names the first value that cannot fly.
     pub fn try_new(config: &FlightConfig, parameters: &Parameters) -> Result<Self, Unflyable> {
-        let helm = Helm::new(Autopilot::try_with(&config.controller, Some(config.regulators), parameters)?);
-        let (compass, offset_m_s2) = (Compass::of(parameters), compass::accelerometer_offset(parameters));
-        let estimator = Estimator::try_new(&config.estimator.calibrated(compass, offset_m_s2))?;
-        Ok(Self { state: estimator.state(), estimator, helm, resumed_us: 0 })
+        Checked::try_new(config, parameters).map(Checked::flight)
     }
 
     /// What the motors do; to be called once an inertial sample, or when one is missed. Nothing that can wait until they are told is

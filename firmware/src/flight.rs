@@ -2,7 +2,7 @@
 use core::mem::MaybeUninit;
 
 use control_core::estimation::{EstimatorConfig, GyroConfig};
-use control_core::flight::{Flight, FlightConfig, Unflyable};
+use control_core::flight::{Checked, Flight, FlightConfig, Unflyable};
 use control_core::parameters::Parameters;
 use control_core::{Airframe, Config, Regulators, RotorsConfig, SpinConfig};
 
@@ -23,21 +23,29 @@ static REGULATORS: Regulators =
 /// # Errors
 /// [`Unflyable`] names the first value that cannot fly.
 pub fn boot(parameters: &Parameters) -> Result<Flight, Unflyable> {
-    let gyro = GyroConfig { sample_hz: icm42688::SAMPLE_HZ, ..EstimatorConfig::FLIGHT.gyro };
-    let config = FlightConfig {
-        controller: Config { control_hz: icm42688::SAMPLE_HZ, ..Config::tolerant(AIRFRAME) },
-        regulators: &REGULATORS,
-        estimator: EstimatorConfig { gyro, ..EstimatorConfig::FLIGHT },
-    };
-    Flight::try_new(&config, parameters)
+    checked(parameters).map(Checked::flight)
 }
 
 /// [`boot`] in its place for good: every move of a flight is 12 kB of the stack.
 ///
 /// # Errors
 /// As there.
-// Not inlined: what it takes of the stack is free again after it.
-#[inline(never)]
 pub fn boot_in<'a>(place: &'a mut MaybeUninit<Flight>, parameters: &Parameters) -> Result<&'a mut Flight, Unflyable> {
-    Ok(place.write(boot(parameters)?))
+    checked(parameters).map(|checked| begin(place, checked))
+}
+
+fn checked(parameters: &Parameters) -> Result<Checked, Unflyable> {
+    let gyro = GyroConfig { sample_hz: icm42688::SAMPLE_HZ, ..EstimatorConfig::FLIGHT.gyro };
+    let config = FlightConfig {
+        controller: Config { control_hz: icm42688::SAMPLE_HZ, ..Config::tolerant(AIRFRAME) },
+        regulators: &REGULATORS,
+        estimator: EstimatorConfig { gyro, ..EstimatorConfig::FLIGHT },
+    };
+    Checked::try_new(&config, parameters)
+}
+
+// Not inlined: what it takes of the stack must not be there while the flight is checked.
+#[inline(never)]
+fn begin(place: &mut MaybeUninit<Flight>, checked: Checked) -> &mut Flight {
+    place.write(checked.flight())
 }

@@ -16,7 +16,7 @@ struct Budget {
     ratchet: u64,
 }
 
-/// A board, with what its image may take. RAM is without the stack, which has the rest.
+/// A board, with what its image may take. RAM is the stack's too, all that is kept for it.
 pub(crate) struct Board {
     /// Its feature of the package `firmware`.
     pub(crate) feature: &'static str,
@@ -30,24 +30,24 @@ pub(crate) const BOARDS: [Board; 4] = [
     Board {
         feature: "foxeer-f722-v4",
         flash: Budget { name: "flash", bytes_max: 256 * KIB, ratchet: 256 * KIB },
-        ram: Budget { name: "RAM", bytes_max: 128 * KIB, ratchet: 32 * KIB },
+        ram: Budget { name: "RAM", bytes_max: 128 * KIB, ratchet: 92 * KIB },
     },
     Board {
         feature: "orbit-h743",
         flash: Budget { name: "flash", bytes_max: 512 * KIB, ratchet: 268 * KIB },
-        ram: Budget { name: "RAM", bytes_max: 128 * KIB, ratchet: 32 * KIB },
+        ram: Budget { name: "RAM", bytes_max: 128 * KIB, ratchet: 92 * KIB },
     },
     // As the next one, with a flight log in the place of USB.
     Board {
         feature: "speedybee-f405-v4,flight-log",
         flash: Budget { name: "flash", bytes_max: 256 * KIB, ratchet: 256 * KIB },
-        ram: Budget { name: "RAM", bytes_max: 64 * KIB, ratchet: 32 * KIB },
+        ram: Budget { name: "RAM", bytes_max: 64 * KIB, ratchet: 63 * KIB },
     },
     // A quarter of the STM32F405's flash, half of its RAM.
     Board {
         feature: "speedybee-f405-v4",
         flash: Budget { name: "flash", bytes_max: 256 * KIB, ratchet: 256 * KIB },
-        ram: Budget { name: "RAM", bytes_max: 64 * KIB, ratchet: 32 * KIB },
+        ram: Budget { name: "RAM", bytes_max: 64 * KIB, ratchet: 63 * KIB },
     },
 ];
 
@@ -70,20 +70,19 @@ pub(crate) fn run(workspace: &Workspace) -> Result<()> {
 
 fn weigh(workspace: &Workspace, board: &Board) -> Result<()> {
     let elf = workspace.build_image_with("firmware", &["--no-default-features", "--features", board.feature])?;
-    let footprints = footprints(&workspace.shell.read_binary_file(&elf)?)
-        .with_context(|| format!("{} cannot be read", elf.display()))?;
+    let bytes = workspace.shell.read_binary_file(&elf)?;
+    let mut footprints = footprints(&bytes).with_context(|| format!("{} cannot be read", elf.display()))?;
     for required in REQUIRED {
         let found = footprints.iter().any(|section| section.name == required);
         ensure!(found, "{} has no {required}: it would not boot", elf.display());
     }
-    let stack = stack_below(&workspace.shell.read_binary_file(&elf)?)?;
+    footprints.push(Footprint { name: "stack".to_owned(), flash: 0, ram: stack_below(&bytes)? });
     println!("{:<20} {:>8} {:>8}", board.feature, board.flash.name, board.ram.name);
     for Footprint { name, flash, ram } in &footprints {
         println!("{name:<20} {flash:>8} {ram:>8}");
     }
     board.flash.check(footprints.iter().map(|section| section.flash).sum())?;
     board.ram.check(footprints.iter().map(|section| section.ram).sum())?;
-    println!("stack: {stack} bytes below everything else in RAM");
     panics::check(workspace, &elf)
 }
 
