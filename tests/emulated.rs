@@ -1,8 +1,7 @@
 //! The image that is flashed, flown on the emulator: it must be the host's core to the bit, in time, and the same every time.
 //!
 //! Needs cmake and libclang (`cargo xtask setup`), and so a feature: `cargo test --features emulated --test emulated`.
-use control_core::flight::{Command, Flight};
-use control_core::parameters::Parameters;
+use control_core::flight::Command;
 use firmware::record::Record;
 use sim_host::controllers::ControllerName;
 use sim_host::emulator::{Answer, Emulator, Mishap, Motion};
@@ -13,6 +12,7 @@ use sim_host::scenario::Scenario;
 use sim_host::through::{self, Board};
 use std::f32::consts::TAU;
 use system_tests::aloft::{Aloft, ByHand, Hands, SAMPLE_HZ};
+use system_tests::host::Host;
 use system_tests::{root, shipped};
 
 /// How long it is thrown about, s.
@@ -52,44 +52,10 @@ fn fly(seconds: u32, mut look: impl FnMut(u32, &Motion, &Answer)) {
     }
 }
 
-/// The host's build of what the image flies, given the same.
-struct Host {
-    flight: Flight,
-    last: u32,
-    /// FNV-1a of all commands, the image's and the host's, as the image's log has it.
-    hashes: [u32; 2],
-}
-
-impl Host {
-    fn new() -> Self {
-        let flight = firmware::flight::boot(&Parameters::default()).expect("the shipped configuration");
-        Self { flight, last: 0, hashes: [0x811c_9dc5; 2] }
-    }
-
-    /// Decides what the image has decided, or fails.
-    fn follow(&mut self, record: &Record) {
-        assert_eq!(record.step, self.last + 1, "one step a sample");
-        self.last = record.step;
-        let command = self.flight.step(record.time_us, &record.arrived);
-        for (hash, command) in self.hashes.iter_mut().zip([record.command, command]) {
-            *hash = bits(command).into_iter().fold(*hash, |hash, word| (hash ^ word).wrapping_mul(0x0100_0193));
-        }
-        if record.step.is_multiple_of(SAMPLE_HZ) {
-            println!("second {}: image {:08x}, host {:08x}", record.step / SAMPLE_HZ, self.hashes[0], self.hashes[1]);
-        }
-        let same = (bits(command), command == Command::Stop) == (bits(record.command), record.command == Command::Stop);
-        assert!(same, "step {}: image {:?}, host {command:?}", record.step, record.command);
-    }
-}
-
-fn bits(command: Command) -> [u32; 4] {
-    command.speeds().map(f32::to_bits)
-}
-
 #[test]
 fn it_arms_takes_off_loses_part_of_a_rotor_lands_and_disarms_as_the_host_would() {
     let mut aloft = Aloft::on_the_ground();
-    let mut host = Host::new();
+    let mut host = Host::default();
     let (mut tilt_rad, mut hover_m, mut ran) = (0.0_f64, Vec::new(), 0);
     let mut pilot = ByHand::default();
     while aloft.time_s() < 23.5 {
@@ -190,7 +156,7 @@ fn the_shipped_flight_is_flown_by_the_image_as_by_the_host_and_twice_the_same() 
 
 #[test]
 fn the_image_decides_what_the_host_decides_however_it_is_thrown_about() {
-    let mut host = Host::new();
+    let mut host = Host::default();
     let mut before = thrown_about(0);
     fly(SECONDS, |_, motion, answer| {
         let record = answer.record.expect("it has begun");
@@ -231,33 +197,6 @@ fn two_runs_are_the_same_to_the_cycle_and_the_letter() {
     let (first, second) = (run(), run());
     let differing = first.iter().zip(&second).position(|(a, b)| a != b);
     assert_eq!((differing, first.len()), (None, second.len()));
-}
-
-#[test]
-fn a_flight_over_the_roll_over_of_the_clock_and_one_after_ten_hours_are_as_one_just_after_power_up() {
-    // 2³² µs are 4,294.97 s: they pass while the rotors turn.
-    let mut boards = [1, 4_287, 36_000].map(Aloft::on_the_ground_after);
-    let mut ran = 0;
-    while boards[0].time_s() < 11.0 {
-        let t_s = boards[0].time_s();
-        let hands = Hands { arm: t_s > 6.0, throttle: if t_s > 8.0 { 0.45 } else { 0.0 }, ..Hands::default() };
-        let decided = boards.each_mut().map(|board| {
-            board.step(&hands);
-            board.answer.record.map_or((0, [0.0; 4]), |record| {
-                (record.step, if let Command::Run(shares) = record.command { shares } else { [0.0; 4] })
-            })
-        });
-        // Not to the bit: to divide a larger time takes other cycles, and a slow sensor is heard a microsecond sooner or later.
-        let [(step, shares), others @ ..] = decided;
-        for (other_step, other) in others {
-            let apart = shares.iter().zip(other).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-            assert!(other_step == step && apart < 1e-3, "{t_s} s: steps {step}, {other_step}, shares {apart} apart");
-        }
-        ran += u32::from(shares != [0.0; 4]);
-    }
-    let [.., over, late] = boards.map(|board| board.answer.record.expect("it flew").time_us);
-    assert!(over > 1 << 32 && late > 36_000_000_000, "{over} {late}");
-    assert!(ran > 4 * SAMPLE_HZ, "{ran}");
 }
 
 #[test]

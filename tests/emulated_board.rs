@@ -359,24 +359,3 @@ fn a_supply_that_drops_stops_the_motors_and_is_told_of() {
     assert!(turned_s <= 0.001, "{turned_s} s");
     assert!(log.contains("the supply was too low") && !log.contains("the watchdog"), "{log}");
 }
-
-#[test]
-fn an_mpu_6000_in_the_place_of_the_other_is_found_and_armed_with() {
-    let mut aloft = Aloft::with_mpu6000();
-    let mut log = aloft.answer.log.clone();
-    while aloft.time_s() < 7.0 {
-        aloft.step(&Hands { arm: aloft.time_s() > 6.0, ..Hands::default() });
-        log += &aloft.answer.log;
-    }
-    assert!(log.contains("the inertial unit is an MPU-6000"), "{log}");
-    assert!(aloft.answer.told.iter().all(|told| told.is_some_and(|told| told >= 48)), "{:?}; {log}", aloft.answer.told);
-    let measured = aloft.answer.record.expect("a step was made").arrived.measurements.imu.expect("a sample").value;
-    let truth = aloft.truth();
-    let force = measured.specific_force_m_s2;
-    let off = [force.x, force.y, force.z]
-        .map(f64::from)
-        .iter()
-        .zip(truth.specific_force_m_s2.iter())
-        .fold(0.0, |off: f64, (a, b)| off.max((a - b).abs()));
-    assert!(off < 0.2, "{force:?}, {:?}", truth.specific_force_m_s2);
-}

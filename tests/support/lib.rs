@@ -14,6 +14,8 @@ pub mod bench;
 pub mod card;
 pub mod estimation;
 pub mod garbage;
+#[cfg(feature = "emulated")]
+pub mod host;
 pub mod motion;
 pub mod rig;
 pub mod symbols;

@@ -1,0 +1,130 @@
+//! Image and host, to the bit, where their inputs are others: outdoors, on another inertial unit, and on clocks that have run for long.
+//!
+//! As `emulated.rs`: `cargo test --features emulated --test emulated_bits`.
+use control_core::fault::Rotors;
+use control_core::flight::Command;
+use firmware::record::Record;
+use sim_host::controllers::ControllerName;
+use sim_host::flight::{Flight as Sortie, NumberFormat};
+use sim_host::through;
+use system_tests::aloft::{Aloft, ByHand, Hands, SAMPLE_HZ};
+use system_tests::host::Host;
+use system_tests::{root, shipped};
+
+#[test]
+fn outdoors_on_satellites_and_compass_the_image_decides_as_the_host() {
+    let mut scenario = shipped("image/flight_outdoors").for_image(&root()).expect("made for it");
+    scenario.duration_s = 11.0;
+    scenario.event.retain(|event| event.at_s < scenario.duration_s);
+    // That of one rotor, sooner.
+    scenario.fault.retain(|fault| fault.rotors != Rotors::ALL);
+    for fault in &mut scenario.fault {
+        (fault.from_s, fault.until_s) = (8.0, 10.0);
+    }
+    let sortie =
+        Sortie { scenario: &scenario, controller: ControllerName::Default, seed: 1, format: NumberFormat::F32 };
+    let (mut fixes, mut fields, mut highest_m) = (0, 0, 0.0_f64);
+    let (flown, board) = through::fly_measured(&sortie, &mut |sample| {
+        fixes += u32::from(sample.measurements.gnss.is_some());
+        fields += u32::from(sample.measurements.magnetic_ut.is_some());
+        highest_m = highest_m.max(sample.truth.altitude_m());
+    })
+    .expect("the image runs to the end");
+    println!("{} commands, {fixes} fixes, {fields} fields, {highest_m:.2} m", board.verdict.commands);
+    assert_eq!(board.verdict.parting, None);
+    assert!(board.verdict.commands > 16 * SAMPLE_HZ, "{}", board.verdict.commands);
+    assert!(fixes > 100 && fields > 500, "{fixes} fixes, {fields} fields");
+    assert!(flown.survived() && highest_m > 2.0, "{highest_m} m");
+}
+
+#[test]
+fn on_an_mpu_6000_in_the_place_of_the_other_it_takes_off_and_hovers_as_the_host_would() {
+    let (mut aloft, mut host, mut pilot) = (Aloft::with_mpu6000(), Host::default(), ByHand::default());
+    let (mut log, mut apart_m_s2) = (aloft.answer.log.clone(), 0.0_f64);
+    while aloft.time_s() < 10.5 {
+        let (t_s, truth) = (aloft.time_s(), aloft.truth());
+        aloft.step(&pilot.hands(t_s, &truth));
+        log += &aloft.answer.log;
+        let Some(record) = aloft.answer.record.filter(|record| record.step > host.last) else { continue };
+        host.follow(&record);
+        let measured = record.arrived.measurements.imu.expect("a sample each step").value.specific_force_m_s2;
+        let before: [f64; 3] = truth.specific_force_m_s2.into();
+        if t_s < 6.0 {
+            for (measured, truth) in [measured.x, measured.y, measured.z].into_iter().zip(before) {
+                apart_m_s2 = apart_m_s2.max((f64::from(measured) - truth).abs());
+            }
+        }
+    }
+    let end = aloft.truth();
+    println!(
+        "{} steps, up {:.2} m, tilt {:.3} rad; at rest off by {apart_m_s2:.3} m/s²",
+        host.last,
+        end.altitude_m(),
+        end.tilt_rad()
+    );
+    assert!(log.contains("the inertial unit is an MPU-6000"), "{log}");
+    assert!(host.last > 10 * SAMPLE_HZ, "{}", host.last);
+    assert!(apart_m_s2 < 0.2, "{apart_m_s2}");
+    assert!((1.0..2.2).contains(&end.altitude_m()) && end.tilt_rad() < 0.3, "{end:?}");
+}
+
+/// A board whose clock has run for long, and a host that has just been switched on.
+struct Aged {
+    aloft: Aloft,
+    host: Host,
+    /// How much later it is by the board's clock than by the host's, µs.
+    older_us: Option<u64>,
+}
+
+impl Aged {
+    /// When the host makes the first step, by its clock, µs.
+    const FIRST_US: u64 = 777_777;
+
+    fn new(uptime_s: u32) -> Self {
+        Self { aloft: Aloft::on_the_ground_after(uptime_s), host: Host::default(), older_us: None }
+    }
+
+    /// One sample; what the image has decoded is the host's too, at the time by the host's clock. Returns shares, none before
+    /// the rotors run.
+    fn step(&mut self, hands: &Hands) -> Option<[f32; 4]> {
+        self.aloft.step(hands);
+        let record = self.aloft.answer.record?;
+        if record.step > self.host.last {
+            let older_us = *self.older_us.get_or_insert(record.time_us - Self::FIRST_US);
+            self.host.follow(&younger(&record, older_us));
+        }
+        if let Command::Run(shares) = record.command { Some(shares) } else { None }
+    }
+}
+
+/// The same step, all times in it so much earlier.
+fn younger(record: &Record, by_us: u64) -> Record {
+    // The words have the time of the step, and the age of all that has arrived.
+    let mut words = record.to_words();
+    let time_us = record.time_us - by_us;
+    (words[2], words[3]) = (time_us as u32, (time_us >> 32) as u32);
+    Record::from_words(&words)
+}
+
+#[test]
+fn over_the_roll_over_of_the_clock_and_after_ten_hours_the_image_decides_as_a_host_just_switched_on() {
+    // 2³² µs are 4,294.97 s: they pass while the rotors turn.
+    let mut boards = [4_287, 36_000].map(Aged::new);
+    let mut ran = 0;
+    while boards[0].aloft.time_s() < 10.5 {
+        let t_s = boards[0].aloft.time_s();
+        let hands = Hands { arm: t_s > 6.0, throttle: if t_s > 8.0 { 0.45 } else { 0.0 }, ..Hands::default() };
+        let [over, late] = boards.each_mut().map(|board| board.step(&hands));
+        assert_eq!(over.is_some(), late.is_some(), "{t_s} s");
+        // Each is the host's to the bit, but what they are given is not the same: to log or to send a time of more bytes takes more
+        // cycles, and a slow sensor is heard a microsecond sooner or later.
+        if let (Some(over), Some(late)) = (over, late) {
+            let apart = over.iter().zip(late).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(apart < 1e-3, "{t_s} s: shares {apart} apart");
+            ran += 1;
+        }
+    }
+    let [over, late] = boards.map(|board| board.aloft.answer.record.expect("it flew").time_us);
+    assert!(over > 1 << 32 && late > 36_000_000_000, "{over} {late}");
+    assert!(ran > 4 * SAMPLE_HZ, "{ran}");
+}
