@@ -13,6 +13,7 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 mod kinds;
 mod parts;
+mod sources;
 
 use parts::{Parts, parts};
 
@@ -64,6 +65,14 @@ pub enum EmulatorError {
     /// Emulator or image cannot be built.
     #[error("`cargo {0}`: {1}")]
     Build(String, String),
+    /// The sources that the image would be built of cannot be read.
+    #[error("the sources of the image: {0}")]
+    Sources(io::Error),
+    /// They are not those that this `sim-host` was built of.
+    #[error(
+        "`control-core` or `firmware` has changed since sim-host was built, which would part from the image: `cargo build --release -p sim-host`"
+    )]
+    Stale,
     /// The emulator does not start, or has gone.
     #[error("the pipe to the emulator: {0}")]
     Pipe(#[from] io::Error),
