@@ -134,6 +134,8 @@ fn the_shipped_flight_is_flown_by_the_image_as_by_the_host_and_twice_the_same() 
         let before_s = if task == "control" { *latency_max_s } else { 0.0 };
         assert!(before_s + *cycles as f64 / CORE_HZ < 1.0 / f64::from(SAMPLE_HZ), "{task}: {cycles} cycles");
     }
+    let (used, bytes) = taken.stack_bytes;
+    assert!(10 * used < 9 * bytes, "of the stack's {bytes} bytes {used} are used");
     assert_eq!(verdict.parting, None);
     assert!(verdict.commands > 70 * SAMPLE_HZ, "{}", verdict.commands);
     assert_eq!((&again.verdict, &again.log), (verdict, log), "another flight");
