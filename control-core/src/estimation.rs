@@ -16,7 +16,7 @@
 //! source's telemetry; the estimate of a step depends on nothing but the steps before.
 //!
 //! Elsewhere: `phases.rs` from rest to the filter to fixed gains and back, `strapdown.rs` dead reckoning, `covariance.rs` the matrix, `history.rs` delays, `observe.rs` the models, `fusing.rs` what is done
-//! with each source, `sources.rs` what is let in, `rivals.rs` satellites against flow, `units.rs` one inertial unit against the other, `gyro.rs` the filters of the rates. docs/estimation.md has the equations and figures.
+//! with each source, `sources.rs` what is let in, `rivals.rs` satellites against flow and dead reckoning, `units.rs` one inertial unit against the other, `gyro.rs` the filters of the rates. docs/estimation.md has the equations and figures.
 use crate::Scalar;
 use crate::estimate::Estimate;
 use crate::frames::{Body, Vec3};
@@ -237,6 +237,10 @@ impl Estimator {
         let mut sources = [Watch::UNHEARD.status; SOURCES];
         for ((status, watch), source) in sources.iter_mut().zip(&state.watches).zip(Source::ALL) {
             *status = watch.status_at(source, now_us);
+            // Flown on with that bias taken off, but not well.
+            if source == state.inertial() && state.filter.is_broken(self.config.accelerometer_offset_m_s2) {
+                status.fault = status.fault.or(Some(SourceFault::Disagrees));
+            }
         }
         EstimatorTelemetry {
             phase: state.phase,

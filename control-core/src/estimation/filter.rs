@@ -12,9 +12,11 @@ use super::strapdown::Nominal;
 use crate::frames::{Attitude, Body, Ned, Vec3};
 use crate::measurement::Imu;
 
-/// Largest biases that are believed: beyond any part that is not broken.
+/// Largest biases that are followed: of the gyro what no part has that is not broken, of the accelerometer what one is flown with that is.
 const GYRO_BIAS_RAD_S_MAX: f32 = 0.2;
-const ACCELEROMETER_BIAS_M_S2_MAX: f32 = 1.5;
+const ACCELEROMETER_BIAS_M_S2_MAX: f32 = 10.0;
+/// What no accelerometer is off by that is not broken, m/s².
+const BROKEN_M_S2: f32 = 1.5;
 /// How well the difference of two inertial units is known, rad/s and m/s².
 const TRADE_RAD_S: f32 = 0.002;
 const TRADE_M_S2: f32 = 0.05;
@@ -308,6 +310,11 @@ impl Filter {
         let mut variances = [0.0; STATES];
         variances[GYRO_BIAS + 3 * half..][..3].fill(variance);
         self.covariance.add_noise(&variances);
+    }
+
+    /// Whether the accelerometer, whose offset is known to be `offset_m_s2`, is off by more than a part that is not broken.
+    pub(crate) fn is_broken(&self, offset_m_s2: Vec3<Body>) -> bool {
+        (self.nominal.accelerometer_bias_m_s2 - offset_m_s2).norm_squared() > BROKEN_M_S2 * BROKEN_M_S2
     }
 
     /// Whether it may be believed at all.

@@ -1,11 +1,12 @@
 //! What is done with each sample that was let in: compared with its time, gated, fused; and what is done when filter and source disagree for good.
 //!
 //! A source that is refused alone for [`RESET_US`], and keeps to what it says, has no other to contradict it: what it measures is set anew
-//! from it. Of satellites and flow, `rivals.rs` says which yields. Vision outranks the magnetometer while it lives, as its frame may not be north's.
+//! from it. Of satellites, flow and dead reckoning, `rivals.rs` says which yields. Vision outranks the magnetometer while it lives, as its frame may not be north's.
 use super::covariance::{BARO_OFFSET, GROUND, Observation, POSITION, VELOCITY};
 use super::filter::Lasting;
 use super::history::Past;
 use super::observe;
+use super::rivals::Blame;
 use super::sources::{Source, SourceFault};
 use super::{Estimator, EstimatorState};
 use crate::frames::{Ned, Vec3};
@@ -185,7 +186,16 @@ impl Estimator {
         let moved = observe::velocity(&past, fix.velocity_m_s, speed_m_s);
         fixed.steady = self.is_steady(state, Source::Gnss, &mut verdict, fixed.observations().chain(&moved));
         let led = state.watches[Source::Flow as usize].is_alive(Source::Flow, now_us);
-        if state.rivals.hear_fix(&moved, past.velocity_m_s, (led, fixed.steady), now_us) {
+        let broken = state.filter.is_broken(self.config.accelerometer_offset_m_s2);
+        let blame = state.rivals.hear_fix(&moved, past.velocity_m_s, (led, fixed.steady, broken), now_us);
+        // Of two units the one at fault is known by the other.
+        let (_, spare) = state.units.sources();
+        if let Blame::Accelerometer(m_s2) = blame
+            && !state.watches[spare as usize].is_heard(spare, now_us)
+        {
+            state.filter.doubt_bias(1, m_s2 * m_s2);
+        }
+        if blame == Blame::Flow {
             state.filter.launch(&past, fix.velocity_m_s, speed_m_s, LED_RAD);
             state.resets = state.resets.saturating_add(1);
             state.aided.velocity_us = now_us;
@@ -318,8 +328,8 @@ impl Estimator {
             return;
         };
         self.is_steady(state, Source::Flow, &mut verdict, &observations);
+        state.rivals.hear_image(&observations, past.velocity_m_s, now_us);
         if state.rivals.is_out(now_us) {
-            state.rivals.hear_image(&observations, past.velocity_m_s, now_us);
             return state.watches[Source::Flow as usize].refuse(SourceFault::Disagrees);
         }
         if self.group(state, &mut verdict, &observations, Lasting::NOTHING) {

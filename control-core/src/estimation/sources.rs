@@ -285,9 +285,14 @@ impl Watch {
         self.status.taken > 0 && now_us.saturating_sub(self.status.taken_us) <= source.silence_us_max()
     }
 
+    /// Whether it says anything at `now_us`, to be believed or not.
+    pub(crate) fn is_heard(&self, source: Source, now_us: u64) -> bool {
+        self.heard_us > 0 && now_us.saturating_sub(self.heard_us) <= source.silence_us_max()
+    }
+
     /// Its status at `now_us`; a source that never spoke has no fault.
     pub(crate) fn status_at(&self, source: Source, now_us: u64) -> SourceStatus {
-        let silent = self.heard_us > 0 && now_us.saturating_sub(self.heard_us) > source.silence_us_max();
+        let silent = self.heard_us > 0 && !self.is_heard(source, now_us);
         let fault = if silent { Some(SourceFault::Silent) } else { self.status.fault };
         SourceStatus { fault, ..self.status }
     }
