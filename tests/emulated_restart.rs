@@ -2,7 +2,8 @@
 //!
 //! Needs cmake and libclang (`cargo xtask setup`), and so a feature: `cargo test --features emulated --test emulated_restart`.
 use sim_host::emulator::Mishap;
-use system_tests::aloft::{Aloft, Hands};
+use system_tests::aloft::{Aloft, Hands, SAMPLE_HZ};
+use system_tests::host::Host;
 
 /// When the mishap comes, s.
 const MISHAP_S: f64 = 12.5;
@@ -16,20 +17,25 @@ struct Told {
     /// Lowest and highest altitude, and the most it tilted, in the 3.5 seconds after it, m and rad.
     altitude_m: [f64; 2],
     tilt_rad: f64,
+    /// Steps since the last start that the host has decided too.
+    decided: u32,
     log: String,
     aloft: Aloft,
 }
 
-/// Takes off, is held over the pad by hand in angle mode at 1.5 m, and is landed; `mishaps` come at their times.
+/// Takes off, is held over the pad by hand in angle mode at 1.5 m, and is landed; `mishaps` come at their times. The host decides the
+/// same to the bit, before and after, with what it has kept itself.
 fn fly_by_hand(seconds: f64, stops_unheard: bool, mishaps: &[(f64, Mishap)]) -> Told {
     let mut aloft = Aloft::on_the_ground();
     aloft.stops_unheard = stops_unheard;
     let mut told = (None, [f64::MAX, f64::MIN], 0.0_f64, String::new());
+    let (mut host, mut by_watchdog) = (Host::default(), true);
     let (mut climb, mut frames, mut pending) = (0.0, 0, mishaps.iter().peekable());
     while aloft.time_s() < seconds {
         let (t_s, truth) = (aloft.time_s(), aloft.truth());
         if pending.next_if(|(at_s, _)| t_s >= *at_s).is_some_and(|(_, mishap)| {
             aloft.inflict(*mishap);
+            by_watchdog = *mishap != Mishap::BrownOut;
             true
         }) {
             frames = aloft.answer.understood[0] + 1;
@@ -46,6 +52,12 @@ fn fly_by_hand(seconds: f64, stops_unheard: bool, mishaps: &[(f64, Mishap)]) -> 
             arm: (6.0..22.0).contains(&t_s),
         });
         told.3 += &aloft.answer.log;
+        if let Some(record) = aloft.answer.record.filter(|record| record.step != host.last) {
+            if record.step < host.last {
+                host.reset(by_watchdog, &record);
+            }
+            host.follow(&record);
+        }
         let turn = aloft.answer.told.iter().any(|told| told.is_some_and(|told| told > 0));
         let since_s = t_s - mishaps[0].0;
         if (0.0005..1.0).contains(&since_s) && told.0.is_none() && aloft.answer.understood[0] > frames && turn {
@@ -59,7 +71,7 @@ fn fly_by_hand(seconds: f64, stops_unheard: bool, mishaps: &[(f64, Mishap)]) -> 
     }
     let (stood_s, altitude_m, tilt_rad, log) = told;
     println!("{mishaps:?}: stood {stood_s:?} s, {altitude_m:.2?} m, tilt {tilt_rad:.3} rad\n{log}");
-    Told { stood_s, altitude_m, tilt_rad, log, aloft }
+    Told { stood_s, altitude_m, tilt_rad, decided: host.last, log, aloft }
 }
 
 /// Flew on after the mishap, landed and stands.
@@ -68,6 +80,7 @@ fn assert_flown_on(told: &Told) {
     assert!(stood_s - WATCHDOG_S <= 0.1, "{stood_s} s after the mishap");
     assert!(told.log.contains("the watchdog has reset the chip"), "{}", told.log);
     assert!(told.log.contains("the flight goes on"), "{}", told.log);
+    assert!(told.decided > 10 * SAMPLE_HZ, "{} steps since", told.decided);
     let ([lowest_m, highest_m], truth) = (told.altitude_m, told.aloft.truth());
     assert!(
         lowest_m > 1.3 && highest_m < 1.7 && told.tilt_rad < 0.3,
