@@ -16,7 +16,7 @@ use system_tests::host::Host;
 use system_tests::{root, shipped};
 
 /// How long it is thrown about, s.
-const SECONDS: u32 = 10;
+const SECONDS: u32 = 4;
 /// Core clock, Hz.
 const CORE_HZ: f64 = 168e6;
 const STOP: [Option<u16>; 4] = [Some(0); 4];
@@ -157,16 +157,12 @@ fn the_shipped_flight_is_flown_by_the_image_as_by_the_host_and_twice_the_same() 
 }
 
 #[test]
-fn the_image_decides_what_the_host_decides_however_it_is_thrown_about() {
-    let mut host = Host::default();
+fn each_sample_is_what_the_body_has_done_however_it_is_thrown_about() {
     let mut before = thrown_about(0);
     fly(SECONDS, |_, motion, answer| {
-        let record = answer.record.expect("it has begun");
-        agrees(&record, &before, motion);
-        host.follow(&record);
+        agrees(&answer.record.expect("it has begun"), &before, motion);
         before = *motion;
     });
-    assert_eq!(host.hashes[0], host.hashes[1]);
 }
 
 /// The sample must be what the body has done since the last one, in which time it moved evenly from `before` to `motion`: the mean of four

@@ -1,14 +1,22 @@
-//! Image and host, to the bit, where their inputs are others: outdoors, on another inertial unit, and on clocks that have run for long.
+//! Image and host, to the bit, where their inputs are others: outdoors, on another inertial unit, on clocks that have run for long, and on
+//! values that no sensor should say.
 //!
 //! As `emulated.rs`: `cargo test --features emulated --test emulated_bits`.
 use control_core::fault::Rotors;
 use control_core::flight::Command;
+use control_core::frames::{Attitude, Vec3};
+use control_core::geodesy::Geodetic;
+use control_core::measurement::{Gnss, Vision};
 use firmware::record::Record;
 use sim_host::controllers::ControllerName;
+use sim_host::emulator::{Emulator, Motion};
 use sim_host::flight::{Flight as Sortie, NumberFormat};
 use sim_host::through;
-use system_tests::aloft::{Aloft, ByHand, Hands, SAMPLE_HZ};
+use std::f64::consts::TAU;
+use system_tests::aloft::{Aloft, ByHand, Hands, SAMPLE_HZ, channels};
+use system_tests::garbage::Garbage;
 use system_tests::host::Host;
+use system_tests::motion::Noise;
 use system_tests::{root, shipped};
 
 #[test]
@@ -127,4 +135,70 @@ fn over_the_roll_over_of_the_clock_and_after_ten_hours_the_image_decides_as_a_ho
     let [over, late] = boards.map(|board| board.aloft.answer.record.expect("it flew").time_us);
     assert!(over > 1 << 32 && late > 36_000_000_000, "{over} {late}");
     assert!(ran > 4 * SAMPLE_HZ, "{ran}");
+}
+
+#[test]
+fn with_its_rotors_running_thrown_about_and_told_anything_it_decides_as_the_host_would() {
+    let (mut emulator, mut host) = (Emulator::start().expect("emulator and image build"), Host::default());
+    let (mut noise, mut garbage) = (Noise::new(7), Garbage(7));
+    let (mut ran, mut absurd, mut fixes) = (0, 0, 0);
+    for step in 0..13 * SAMPLE_HZ {
+        let t_s = f64::from(step) / f64::from(SAMPLE_HZ);
+        let thrown = t_s > 7.0;
+        let sine = |hz: f64| if thrown { (TAU * hz * t_s).sin() } else { 0.0 };
+        let mut soil = |good: f64, n: u64| if thrown { garbage.spoil(good as f32, n) } else { good as f32 };
+        let [noise_x, noise_y, noise_z] = noise.normals(0.002);
+        emulator.move_body(&Motion {
+            force_m_s2: [3.0 * sine(0.7) + noise_x, 2.0 * sine(1.1) + noise_y, -9.81 + 4.0 * sine(0.5) + noise_z]
+                .map(|force| soil(force, 200)),
+            rate_rad_s: [4.0 * sine(2.3) + noise_z, 3.0 * sine(1.9) + noise_x, 2.0 * sine(0.3) + noise_y]
+                .map(|rate| soil(rate, 200)),
+        });
+        emulator.set_air(soil(101_325.0 + 100.0 * sine(0.4) + noise_x, 20), soil(20.0, 20));
+        emulator.set_field(Vec3::new(soil(20.0, 20), soil(20.0 * sine(0.3), 20), soil(43.0, 20)));
+        emulator.set_battery(soil(11.1, 500));
+        if step.is_multiple_of(20) {
+            let position_m = Vec3::new(soil(sine(0.2), 8), soil(sine(0.3), 8), soil(-1.0, 8));
+            let sigma = [soil(0.01, 30), soil(0.01, 30)];
+            let attitude = Attitude {
+                rows: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|row| row.map(|entry| soil(entry, 100))),
+            };
+            let pose = Vision { position_m, attitude, position_sigma_m: sigma[0], attitude_sigma_rad: sigma[1] };
+            emulator.send_pose(soil(10_000.0, 30) as u32, &pose);
+        }
+        if step.is_multiple_of(200) {
+            let place = Geodetic {
+                latitude_e7: soil(473_977_000.0, 30) as i32,
+                longitude_e7: soil(85_456_000.0, 30) as i32,
+                altitude_m: soil(488.0, 30),
+            };
+            let velocity_m_s = Vec3::new(soil(sine(0.2), 30), soil(0.0, 30), soil(sine(0.3), 30));
+            let [horizontal_m, vertical_m, speed_m_s] = [soil(1.3, 30), soil(1.9, 30), soil(0.1, 30)];
+            let fixed = soil(1.0, 20) == 1.0;
+            let fix =
+                Gnss { position_m: Vec3::new(0.0, 0.0, 0.0), velocity_m_s, horizontal_m, vertical_m, speed_m_s, fixed };
+            emulator.send_fix(&place, &fix);
+        }
+        if step.is_multiple_of(40) {
+            let hands = Hands {
+                roll: 0.5 * sine(0.4),
+                pitch: 0.5 * sine(0.6),
+                throttle: if t_s > 6.5 { 0.5 } else { 0.0 },
+                arm: t_s > 6.0,
+            };
+            emulator.send_channels(channels(&hands));
+        }
+        let answer = emulator.period().expect("the image runs");
+        let Some(record) = answer.record.filter(|record| record.step > host.last) else { continue };
+        host.follow(&record);
+        ran += u32::from(matches!(record.command, Command::Run(_)));
+        let measured = record.arrived.measurements;
+        absurd += u32::from(measured.vision.is_some_and(|pose| {
+            let p = pose.value.position_m;
+            !(p.x + p.y + p.z).is_finite()
+        }));
+        fixes += u32::from(measured.gnss.is_some());
+    }
+    println!("{} steps, {ran} with rotors running, {absurd} poses that are not numbers, {fixes} fixes", host.last);
+    assert!(ran > 5 * SAMPLE_HZ && absurd > 20 && fixes > 50, "{ran}, {absurd}, {fixes}");
 }

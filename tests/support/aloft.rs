@@ -252,7 +252,7 @@ impl Aloft {
 }
 
 /// The receiver's channels: roll, pitch, throttle, yaw, arm, and the mode switches down.
-fn channels(hands: &Hands) -> [u16; 16] {
+pub fn channels(hands: &Hands) -> [u16; 16] {
     let ticks = |x: f64| (992.0 + 819.5 * x.clamp(-1.0, 1.0)).round() as u16;
     let mut channels = [ticks(-1.0); 16];
     channels[..5].copy_from_slice(&[
