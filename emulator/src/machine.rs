@@ -8,26 +8,23 @@
 //! Asleep in WFI or WFE, time jumps to whatever happens next. Code in RAM is not modelled.
 use crate::board;
 use crate::chip::PORRSTF;
-use crate::exception::{self, ENTRY_CYCLES};
+use crate::exception::{self, ENTRY_CYCLES, FPCA};
 use crate::nvic::{HARD_FAULT, SV_CALL};
 use crate::peripheral::flash::FLASH_START;
 use crate::{Failure, Image, Task};
 use std::cell::RefCell;
 use std::rc::Rc;
-use unicorn_engine::{RegisterARM as R, Unicorn, uc_error};
+use unicorn_engine::{RegisterARM as R, uc_error};
 use wiring::{FLASH_BYTES, RAM_BYTES, RAM_START, Ram, State, masks, wire};
 
+mod cpu;
 mod mishaps;
 mod uptime;
 mod wiring;
 mod world;
 
+pub(crate) use cpu::Cpu;
 pub use world::{Line, Part};
-
-/// Registers of the CPU, and memory.
-pub(crate) struct Cpu {
-    unicorn: Unicorn<'static, ()>,
-}
 
 /// What the CPU has done since reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -223,9 +220,10 @@ impl Machine {
     fn boot(&mut self) -> Result<(), Failure> {
         let vtor = self.state.borrow().chip.scb.vtor;
         let vectors = self.cpu.load(vtor, 2)?;
-        for register in [R::PRIMASK, R::BASEPRI, R::FAULTMASK, R::CONTROL, R::IPSR] {
+        for register in [R::PRIMASK, R::BASEPRI, R::FAULTMASK, R::FPSCR, R::IPSR] {
             self.cpu.set(register, 0);
         }
+        self.cpu.set(R::CONTROL, FPCA);
         self.cpu.set(R::SP, vectors[0]);
         self.cpu.set(R::LR, u32::MAX);
         self.cpu.set(R::PC, vectors[1]);
@@ -369,38 +367,6 @@ impl Machine {
     }
 }
 
-impl Cpu {
-    pub(crate) fn register(&self, register: R) -> u32 {
-        self.wide(register) as u32
-    }
-
-    pub(crate) fn wide(&self, register: R) -> u64 {
-        // A register of the CPU can always be read.
-        self.unicorn.reg_read(register).unwrap_or(0)
-    }
-
-    pub(crate) fn set(&mut self, register: R, value: u32) {
-        self.set_wide(register, value.into());
-    }
-
-    pub(crate) fn set_wide(&mut self, register: R, value: u64) {
-        // And written.
-        let _ = self.unicorn.reg_write(register, value);
-    }
-
-    pub(crate) fn load(&self, address: u32, words: usize) -> Result<Vec<u32>, Failure> {
-        let bytes = self.unicorn.mem_read_as_vec(u64::from(address), 4 * words);
-        let bytes = bytes.map_err(|_| Failure(format!("there is no memory at {address:#010x}")))?;
-        Ok(bytes.chunks_exact(4).map(|word| u32::from_le_bytes([word[0], word[1], word[2], word[3]])).collect())
-    }
-
-    pub(crate) fn store(&mut self, address: u32, words: &[u32]) -> Result<(), Failure> {
-        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
-        let written = self.unicorn.mem_write(u64::from(address), &bytes);
-        written.map_err(|_| Failure(format!("there is no memory at {address:#010x}")))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -466,6 +432,27 @@ mod tests {
         );
         assert_eq!(machine.cpu.register(R::R1), 7);
         assert_eq!(machine.cpu.register(R::SP), RAM_START + 0x1000);
+    }
+
+    #[test]
+    fn nor_where_the_programs_first_fpu_instruction_was_skipped() {
+        let machine = run(
+            &[(11, 14)],
+            &[
+                0x2000, 0x2801, // movs r0, #0; cmp r0, #1
+                0xbf08, 0xee00, 0x0a10, // it eq; vmoveq s0, r0
+                0x2007, 0xee00, 0x0a10, // movs r0, #7; vmov s0, r0
+                0xdf00, // svc 0
+                0xee10, 0x1a10, // vmov r1, s0
+                0xbf30, // wfi
+                0xe7fd, // b back to it
+                0xbf00, // nop
+                // The handler.
+                0x2009, 0xee00, 0x0a10, // movs r0, #9; vmov s0, r0
+                0x4770, // bx lr
+            ],
+        );
+        assert_eq!(machine.cpu.register(R::R1), 7);
     }
 
     #[test]
