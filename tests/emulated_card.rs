@@ -132,6 +132,34 @@ fn each_start_of_the_board_has_a_log_of_its_own_and_a_torn_one_is_read_to_where_
 }
 
 #[test]
+fn a_flight_that_goes_on_after_a_reset_in_the_air_has_a_log_of_its_own_that_says_so() {
+    let card = Card::prepared();
+    let mut aloft = Aloft::with_card(&card);
+    let (mut pilot, mut log, mut hung) = (ByHand::default(), String::new(), false);
+    while aloft.time_s() < 10.5 {
+        if aloft.time_s() > 9.0 && !hung {
+            aloft.inflict(Mishap::Hang);
+            hung = true;
+        }
+        aloft.step(&pilot.hands(aloft.time_s(), &aloft.truth()));
+        log += &aloft.answer.log;
+    }
+    assert!(log.contains("the flight goes on") && aloft.truth().altitude_m() > 1.0, "{log}");
+    let all = read(&card.log());
+    let [before, after] = &all[..] else { panic!("{} logs", all.len()) };
+    println!("{} and {} steps", before.steps, after.steps);
+    for (told, resumed, seconds) in [(before, false, 8), (after, true, 1)] {
+        assert_eq!(told.flown.resumed, resumed);
+        // The reset may tear a block, and what had not filled one is lost.
+        assert!(told.gaps.is_empty() && told.damage.len() <= 1, "{:?}, {:?}", told.gaps, told.damage);
+        assert!(told.steps > u64::from(seconds * SAMPLE_HZ), "{} steps", told.steps);
+    }
+    assert_eq!(u64::from(before.verdict.commands), before.steps);
+    // What the flight remembered is not in the log.
+    assert_eq!(after.verdict.commands, 0);
+}
+
+#[test]
 fn a_card_that_takes_a_quarter_of_a_second_now_and_then_costs_no_step_and_nothing_of_the_log() {
     let card = Card::prepared();
     let mut aloft = Aloft::logging(|emulator| {
