@@ -97,7 +97,10 @@ pub(crate) fn load(store: &mut Store) -> Loaded {
     } else if loaded.lost {
         defmt::error!("the stored parameters could not be read: defaults hold");
     } else {
-        defmt::error!("{=usize} stored parameters are outside their ranges: their defaults hold", loaded.refused);
+        defmt::error!(
+            "{=usize} stored parameters are outside their ranges or of another schema: their defaults hold",
+            loaded.refused
+        );
     }
     loaded
 }

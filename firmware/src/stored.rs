@@ -7,11 +7,15 @@
 //! Each save appends an item with checksums of its own; the newest that is whole counts. So a save that power interrupts
 //! leaves the old value or the new one. When a sector is full, the newest of each key move to the other one and the full one
 //! is erased. A sector counts as full at [`PAGE`] bytes: what is in it is searched item by item, for each item when they move.
-//! Items of another schema are left alone and mean nothing.
+//! What was set under another schema, and not again under this one, is refused like a value outside its range: its default is
+//! not what somebody chose. Items of names that are not declared any more mean nothing.
 //!
 //! On a chip with one bank of flash the program stands still while a sector is erased, for a second or two, longer than the
 //! watchdog waits. So erasing is allowed only until [`Stored::stop_erasing`]; after that, a save that needs it is refused with
 //! [`SaveError::NeedsErase`], harms nothing, and succeeds at the next boot.
+//!
+//! Sectors that are damaged, or full of items that mean nothing, are erased both before the values are written again: power that
+//! is cut then, for up to four seconds, loses them, and the next start finds defaults.
 //!
 //! Invariant: what [`Stored::load`] returns is in its ranges.
 //!
@@ -35,6 +39,8 @@ pub const PAGE: usize = 4_096;
 type Key = [u8; 1 + NAME_LENGTH_MAX];
 /// Bytes for key and value, and what is missing to a word of the flash, of up to 32.
 const BUFFER: usize = 64;
+/// Bytes of an item's header.
+const HEADER: usize = 8;
 
 /// What was found at boot.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,7 +49,7 @@ pub struct Loaded {
     pub parameters: Parameters,
     /// How many are stored.
     pub set: usize,
-    /// How many of these were refused for being outside their range: their defaults hold.
+    /// How many of these were refused, outside their range or of another schema: their defaults hold.
     pub refused: usize,
     /// The sectors held something else, or were damaged beyond repair, and were erased.
     pub lost: bool,
@@ -71,10 +77,17 @@ pub struct Stored<S: NorFlash> {
 }
 
 impl<S: NorFlash> Stored<S> {
+    /// All items, one that is saved anew, and a sector's two marks fit a page, in whole words of this flash.
+    const FITS: () = {
+        let item = HEADER.next_multiple_of(S::WRITE_SIZE) + (size_of::<Key>() + 4).next_multiple_of(S::WRITE_SIZE);
+        assert!((COUNT + 1) * item + 2 * S::WRITE_SIZE <= PAGE, "the parameters do not fit a page of this flash");
+    };
+
     /// The parameters in these bytes of a flash: two of its sectors.
     ///
     /// Returns none if they are not two, or smaller than a [`PAGE`].
     pub fn try_new(flash: S, range: Range<u32>) -> Option<Self> {
+        let () = Self::FITS;
         let sector = S::ERASE_SIZE as u32;
         let two = range.start.is_multiple_of(sector) && range.end.checked_sub(range.start) == Some(2 * sector);
         let config = MapConfig::try_new(0..2 * PAGE as u32).ok()?;
@@ -99,9 +112,10 @@ impl<S: NorFlash> Stored<S> {
         let mut items = self.map.fetch_all_items(&mut buffer).await.ok()?;
         // The newest of a key comes last.
         while let Some((key, value)) = items.next::<f32>(&mut buffer).await.ok()? {
-            let place = parameters.iter().position(|(declaration, _)| self::key(declaration) == key);
+            let place = parameters.iter().position(|(declaration, _)| self::key(declaration)[1..] == key[1..]);
             if let Some(found) = place.and_then(|place| found.get_mut(place)) {
-                *found = Some(value);
+                // Of another schema is something, and no number.
+                *found = if key[0] == SCHEMA { Some(value) } else { found.or(Some(f32::NAN)) };
             }
         }
         let values = found.into_iter().enumerate();
@@ -337,16 +351,30 @@ mod tests {
     }
 
     #[test]
-    fn a_value_outside_its_range_is_refused_and_another_schema_is_not_looked_at() {
+    fn a_value_outside_its_range_is_refused() {
         let mut it = stored(vec![0xff; 3 * SECTOR]);
         block_on(it.save(&TABLE[6], 1e9)).expect("there is room");
-        let mut buffer = [0; BUFFER];
-        let mut other = key(&TABLE[5]);
-        other[0] = SCHEMA + 1;
-        block_on(it.map.store_item(&mut buffer, &other, &0.5_f32)).expect("there is room");
         let loaded = block_on(it.load());
         assert_eq!((loaded.parameters, loaded.set, loaded.refused), (Parameters::default(), 1, 1));
         assert!(!loaded.is_valid());
+    }
+
+    #[test]
+    fn a_value_of_another_schema_is_refused_until_it_is_set_again_and_one_of_no_name_means_nothing() {
+        let mut it = stored(vec![0xff; 3 * SECTOR]);
+        let (mut other, mut unknown) = (key(&TABLE[6]), [b'X'; 1 + NAME_LENGTH_MAX]);
+        (other[0], unknown[0]) = (SCHEMA + 1, SCHEMA);
+        for key in [&other, &unknown] {
+            block_on(it.map.store_item(&mut [0; BUFFER], key, &2.5_f32)).expect("there is room");
+        }
+        let loaded = block_on(it.load());
+        assert_eq!((loaded.parameters, loaded.set, loaded.refused), (Parameters::default(), 1, 1));
+        assert!(!loaded.is_valid());
+        block_on(it.save(&TABLE[6], 3.5)).expect("there is room");
+        // Older images stay about: what they store after it changes nothing.
+        block_on(it.map.store_item(&mut [0; BUFFER], &other, &2.5_f32)).expect("there is room");
+        let loaded = block_on(it.load());
+        assert_eq!((loaded.parameters.get(TABLE[6].name), loaded.is_valid()), (Some(3.5), true));
     }
 
     #[test]
