@@ -354,6 +354,15 @@ fn a_panic_cuts_the_motors_at_once_and_its_words_are_reported_after_the_reset() 
 }
 
 #[test]
+fn so_does_one_of_the_hardware_layer_and_who_called_it_is_reported() {
+    let After { turned_s, log, .. } = idling_then(Mishap::DefmtPanic);
+    assert!(turned_s <= 0.001, "{turned_s} s");
+    // Where the emulator calls from, in flash (emulator/src/machine/mishaps.rs).
+    let words = "before this start: defmt panic, called from 0x080bffdf";
+    assert!(log.contains(words) && log.contains("the watchdog has reset the chip"), "{log}");
+}
+
+#[test]
 fn a_supply_that_drops_stops_the_motors_and_is_told_of() {
     let After { turned_s, log, .. } = idling_then(Mishap::BrownOut);
     assert!(turned_s <= 0.001, "{turned_s} s");

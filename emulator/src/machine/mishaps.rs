@@ -11,7 +11,7 @@ use unicorn_engine::RegisterARM as R;
 impl Machine {
     /// Lets the program panic where it is: as if the language had found an index beyond the end.
     ///
-    /// - `function`: [`Image::panic`].
+    /// - `function`: [`Image::panic`], or `_defmt_panic`, which is told nothing but who calls it.
     ///
     /// # Errors
     /// Never: the place beside the loop is flash.
@@ -22,8 +22,8 @@ impl Machine {
             [place + 16, 8, 1, 1].into_iter().flat_map(u32::to_le_bytes).chain(*b"injected").collect();
         self.fill_flash(place, &location)?;
         self.close_here();
-        // The index, the length, and where.
-        for (register, value) in [(R::R0, 7), (R::R1, 4), (R::R2, place), (R::PC, function | 1)] {
+        // The index, the length, and where; called from there.
+        for (register, value) in [(R::R0, 7), (R::R1, 4), (R::R2, place), (R::LR, place | 1), (R::PC, function | 1)] {
             self.cpu.set(register, value);
         }
         Ok(())

@@ -24,6 +24,8 @@ pub enum Mishap {
     PowerCut = 9,
     /// The stack is used up but for a few words.
     StackOverflow = 10,
+    /// The program panics as the hardware layer does, by `defmt`.
+    DefmtPanic = 11,
 }
 
 /// A part on the slow sensors' bus.
