@@ -6,7 +6,7 @@ use control_core::frames::{Attitude, Body, Ned, Vec3};
 use control_core::geodesy::{Geodetic, LocalFrame};
 use control_core::measurement::{Gnss, Measurements, Stamped, Vision};
 use firmware::record::Record;
-use sim_host::emulator::{Answer, Emulator, Health, Line, Motion, Part};
+use sim_host::emulator::{Answer, Emulator, Health, Line, Mishap, Motion, Part};
 
 /// Samples of the inertial unit a second, and the time between two, µs.
 const SAMPLE_HZ: u32 = 2_000;
@@ -36,6 +36,7 @@ struct Bench {
     seen: Vec<(u64, Measurements)>,
     record: Option<Record>,
     answer: Answer,
+    log: String,
 }
 
 impl Bench {
@@ -50,7 +51,7 @@ impl Bench {
         emulator.move_body(&at_rest(0));
         let answer = emulator.period().expect("the image boots");
         let frame = LocalFrame::try_new(HOME).expect("a place");
-        Self { emulator, frame, time_us: 0, sample: 0, seen: Vec::new(), record: None, answer }
+        Self { emulator, frame, time_us: 0, sample: 0, seen: Vec::new(), record: None, answer, log: String::new() }
     }
 
     /// Altitude, m, at a time of the image's clock.
@@ -104,6 +105,7 @@ impl Bench {
         self.answer = self.emulator.period().expect("the image runs");
         if !self.answer.log.is_empty() {
             println!("{}", self.answer.log);
+            self.log += &self.answer.log;
         }
         self.sample += 1;
         self.time_us = now_us;
@@ -204,6 +206,20 @@ fn what_each_sensor_says_arrives_as_it_was_true_and_as_often_as_it_is_set_up() {
     }
     println!("worst: {worst_m:.4} m, {worst_ut:.3} uT, {worst_place_m:.3} m; vision {worst_us} us after it was sent");
     assert!(worst_us <= 1_500, "{worst_us} us");
+}
+
+#[test]
+fn a_satellite_receiver_that_refuses_its_setup_is_told_again_and_set_up_once_it_takes_it() {
+    let mut bench = Bench::with(|emulator| emulator.inflict(Mishap::GnssRefuses));
+    // Half a second each, and one in which its speed is guessed wrong.
+    bench.run(START + SAMPLE_HZ);
+    let since_us = bench.time_us;
+    bench.run(SAMPLE_HZ);
+    let [_, _, gnss, _] = bench.rates(since_us);
+    // It takes its speed each time, and says so.
+    assert_eq!(bench.log.matches("the satellite receiver is set up").count(), 1, "{}", bench.log);
+    assert!(!bench.log.contains("the satellite receiver is silent"), "{}", bench.log);
+    assert!((gnss - 10.0).abs() <= 1.0, "{gnss} Hz");
 }
 
 #[test]

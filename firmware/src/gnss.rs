@@ -3,7 +3,7 @@ use control_core::geodesy::LocalFrame;
 use control_core::measurement::{Gnss, Stamped};
 use embassy_stm32::mode::Async;
 use embassy_stm32::usart::{RingBufferedUartRx, Uart, UartTx};
-use embassy_time::{Duration, Timer, with_timeout};
+use embassy_time::{Duration, with_timeout};
 use firmware::ubx::{AGE_US, BAUD, BAUDS, Heard, Receiver, setup, speed};
 
 use crate::restart;
@@ -12,7 +12,7 @@ use crate::tasks::{Newest, now_us};
 /// The newest fix.
 pub(crate) static GNSS: Newest<Gnss> = Newest::new();
 
-/// How long the receiver takes to change its speed.
+/// How long the receiver takes to change its speed, and to answer that it has.
 const SETTLE: Duration = Duration::from_millis(50);
 /// How long an acknowledgement is waited for.
 const ANSWER: Duration = Duration::from_millis(500);
@@ -67,13 +67,19 @@ pub(crate) async fn locate(mut port: Port, home: Option<LocalFrame>) -> ! {
     }
 }
 
-/// Tells the receiver what is wanted, at each speed that it may have, until it acknowledges.
+/// Tells the receiver what is wanted, at each speed that it may have, until it acknowledges. One that refuses is told again.
 async fn set_up(port: &mut Port, receiver: &mut Receiver) {
     for baud in BAUDS.into_iter().cycle() {
         port.set_speed(baud);
         port.say(&speed()).await;
         port.set_speed(BAUD);
-        Timer::after(SETTLE).await;
+        // What it says until then is no answer to what follows, though an acknowledgement looks like one.
+        let before = async {
+            loop {
+                let _ = port.line.read(&mut [0; 64]).await;
+            }
+        };
+        let _ = with_timeout(SETTLE, before).await;
         port.say(&setup()).await;
         let acknowledged = async { while hear(port, receiver).await.1 != Heard::Acknowledged {} };
         if with_timeout(ANSWER, acknowledged).await.is_ok() {

@@ -2,10 +2,11 @@
 //!
 //! Delivered, it talks at 38,400 bits a second and sends sentences of NMEA. A fix that it is given to send goes out as
 //! UBX-NAV-PVT if it was told to send these, and if its period since the last has passed but for a tenth. Working a fix out
-//! takes no time here: it is given when it would be sent.
+//! takes no time here: it is given when it would be sent. What it was told it acknowledges, unless it is to refuse it: then
+//! it answers UBX-ACK-NAK and does none of it.
 //!
 //! # Source
-//! u-blox, "M10 SPG 5.10 interface description": 3.3 and 3.4 for frames, 3.10.5 UBX-CFG-VALSET, 3.15.11 UBX-NAV-PVT, 4.9 for
+//! u-blox, "M10 SPG 5.10 interface description": 3.3 and 3.4 for frames, 3.9 UBX-ACK, 3.10.5 UBX-CFG-VALSET, 3.15.11 UBX-NAV-PVT, 4.9 for
 //! the keys.
 
 /// A fix.
@@ -36,10 +37,14 @@ pub(crate) struct Ublox {
     nmea: bool,
     period_ms: u16,
     sent_at: Option<u64>,
+    /// How many more messages it refuses of those that ask for more than a speed.
+    pub(crate) refusals: u32,
 }
 
 const SYNC: [u8; 2] = [0xb5, 0x62];
 const VALSET: [u8; 2] = [0x06, 0x8a];
+/// CFG-UART1-BAUDRATE.
+const SPEED: u32 = 0x4052_0001;
 /// A sentence of NMEA: no fix.
 const SENTENCE: &[u8] = b"$GNGGA,,,,,,0,00,99.99,,,,,,*56\r\n";
 
@@ -54,6 +59,7 @@ impl Ublox {
             nmea: true,
             period_ms: 1_000,
             sent_at: None,
+            refusals: 0,
         }
     }
 
@@ -80,6 +86,10 @@ impl Ublox {
         if body[2..4] != VALSET {
             return Err(format!("the satellite receiver does not model the message {:02x?}", &body[2..4]));
         }
+        if self.refusals > 0 && body.get(10..14) != Some(&SPEED.to_le_bytes()) {
+            self.refusals -= 1;
+            return Ok(message([0x05, 0x00], &VALSET));
+        }
         self.set(&body[6..])?;
         Ok(message([0x05, 0x01], &VALSET))
     }
@@ -95,7 +105,7 @@ impl Ublox {
             value[..bytes].copy_from_slice(after.get(..bytes).ok_or("the satellite receiver misses a value")?);
             let value = u32::from_le_bytes(value);
             match key {
-                0x4052_0001 => self.baud = value,
+                SPEED => self.baud = value,
                 0x1074_0001 => self.ubx = value != 0,
                 0x1074_0002 => self.nmea = value != 0,
                 0x3021_0001 => self.period_ms = value as u16,
@@ -195,6 +205,18 @@ mod tests {
         assert_eq!(frame[6 + 52..6 + 56], (-500_i32).to_le_bytes());
         assert!(receiver.send(&FIX, 180_000).is_empty(), "too soon");
         assert_eq!(receiver.send(&FIX, 195_000).len(), 100);
+    }
+
+    #[test]
+    fn what_it_refuses_it_does_not_do_and_its_speed_it_always_takes() {
+        let mut receiver = Ublox::new(1);
+        receiver.refusals = 1;
+        assert_eq!(tell(&mut receiver, &[0x01, 0, 0x52, 0x40, 0, 0xc2, 0x01, 0]).map(|answer| answer[3]), Ok(1));
+        let no_sentences = [0x02, 0, 0x74, 0x10, 0];
+        assert_eq!(tell(&mut receiver, &no_sentences).map(|answer| answer[3]), Ok(0));
+        assert_eq!((receiver.baud, receiver.nmea), (115_200, true));
+        assert_eq!(tell(&mut receiver, &no_sentences).map(|answer| answer[3]), Ok(1));
+        assert!(!receiver.nmea);
     }
 
     #[test]

@@ -49,6 +49,11 @@ impl Machine {
         self.state.borrow_mut().chip.board.imu = InertialUnit::new(part, board::CYCLES_US);
     }
 
+    /// The satellite receiver refuses what it is told next but its speed, so many times.
+    pub fn refuse_setup(&mut self, times: u32) {
+        self.state.borrow_mut().chip.board.gnss.refusals = times;
+    }
+
     /// Cuts power now, and switches it on again.
     pub fn cut_power(&mut self) {
         self.state.borrow_mut().chip.reset = Some(PORRSTF | BORRSTF);

@@ -26,6 +26,8 @@ pub enum Mishap {
     StackOverflow = 10,
     /// The program panics as the hardware layer does, by `defmt`.
     DefmtPanic = 11,
+    /// The satellite receiver refuses the next three messages that ask for more than a speed.
+    GnssRefuses = 12,
 }
 
 /// A part on the slow sensors' bus.
