@@ -8,7 +8,6 @@
 //! is heard for as long as it does. A graver one breaks off another; what happens once while something graver sounds is not heard.
 use control_core::autopilot::Command;
 use control_core::failsafe::Failsafe;
-use control_core::set::Member as _;
 
 /// Looks a second, and steps of a tune.
 pub const LOOKS_HZ: u64 = 10;
@@ -34,13 +33,15 @@ impl Facts {
     /// These, and what one more decision shows; a refusal is kept.
     #[must_use]
     pub fn and(self, decision: &Command) -> Self {
-        let acts = |failsafe: &Failsafe| decision.failsafes.contains(*failsafe);
-        let (battery, others) = ([Failsafe::BatteryCritical, Failsafe::BatteryLow], Failsafe::ALL.iter());
+        let mut others = decision.failsafes;
+        for of_the_battery in [Failsafe::BatteryCritical, Failsafe::BatteryLow] {
+            others.put(of_the_battery, false);
+        }
         Self {
             armed: decision.armed,
             refused: self.refused || decision.refused,
-            battery_low: battery.iter().any(acts),
-            failsafe: decision.armed && others.filter(|failsafe| !battery.contains(failsafe)).any(acts),
+            battery_low: others != decision.failsafes,
+            failsafe: decision.armed && !others.is_empty(),
         }
     }
 }

@@ -28,7 +28,7 @@ pub const SPEED_UP: (u32, u32) = (5, 4);
 const BITS: u32 = 21;
 /// From the end of a frame to when an answer may begin, µs: they turn around after 25 to 35.
 pub const LISTEN_US: u64 = 24;
-/// Samples that hold an answer to a DShot600 frame which begins up to 25 µs later than that.
+/// Samples, in pairs, that hold an answer to a DShot600 frame which begins up to 25 µs later than that.
 pub const SAMPLES: usize = 120;
 
 /// What a speed controller has answered.
@@ -48,20 +48,25 @@ pub enum Answer {
 
 /// The answers in samples of all lines at once.
 ///
+/// - `pairs`: two samples each, the earlier one in the lower half.
 /// - `pins`: the bit of each motor's line in a sample, 0 to 15.
-pub fn answers(samples: impl Iterator<Item = u16>, pins: [u8; MOTORS]) -> [Answer; MOTORS] {
-    // By bit, not by motor: some fifty edges are to be taken in while a frame is sent.
+pub fn answers(pairs: impl Iterator<Item = u32>, pins: [u8; MOTORS]) -> [Answer; MOTORS] {
+    // By bit, not by motor, and two samples at once: some fifty edges are to be taken in while a frame is sent.
     let mut words = [Word::default(); 16];
-    let all = pins.into_iter().fold(0, |all, pin| all | 1_u32 << (pin & 15));
-    let mut before = all;
-    for (at, sample) in (0..).zip(samples) {
-        let sample = u32::from(sample) & all;
-        let mut changed = before ^ sample;
-        before = sample;
+    let all = pins.into_iter().fold(0, |all, pin| all | 0x1_0001 << (pin & 15));
+    let mut before = all & 0xffff;
+    let mut at = 0;
+    for pair in pairs {
+        let pair = pair & all;
+        // Each sample beside the one before it.
+        let mut changed = pair ^ (pair << 16 | before);
+        before = pair >> 16;
         while changed != 0 {
-            words[changed.trailing_zeros() as usize & 15].edge(at);
+            let bit = changed.trailing_zeros();
+            words[bit as usize & 15].edge(at + (bit >> 4));
             changed &= changed - 1;
         }
+        at += 2;
     }
     pins.map(|pin| words[usize::from(pin & 15)].answer())
 }
@@ -91,14 +96,12 @@ impl Word {
         } else {
             self.bits >> (after_first - (BITS - 1))
         };
-        let mut value = 0;
-        let mut sum = 0;
-        for place in [15, 10, 5, 0] {
-            let Some(nibble) = nibble(bits >> place) else { return Answer::Garbled };
-            value = value << 4 | nibble;
-            sum ^= nibble;
-        }
-        if sum == 0xf { meaning(value >> 4) } else { Answer::Garbled }
+        let (Some(a), Some(b), Some(c), Some(d)) =
+            (nibble(bits >> 15), nibble(bits >> 10), nibble(bits >> 5), nibble(bits))
+        else {
+            return Answer::Garbled;
+        };
+        if a ^ b ^ c ^ d == 0xf { meaning(a << 8 | b << 4 | c) } else { Answer::Garbled }
     }
 }
 
@@ -246,8 +249,12 @@ mod tests {
             .collect()
     }
 
+    fn taken(samples: &[u16]) -> [Answer; MOTORS] {
+        answers(samples.chunks_exact(2).map(|pair| u32::from(pair[1]) << 16 | u32::from(pair[0])), LINES)
+    }
+
     fn heard(lines: [Option<(u16, f64, f64)>; MOTORS]) -> [Answer; MOTORS] {
-        answers(sampled(lines).into_iter(), LINES)
+        taken(&sampled(lines))
     }
 
     #[test]
@@ -288,7 +295,7 @@ mod tests {
         for at in 20..80 {
             let mut spoilt = clean.clone();
             spoilt[at..at + 3].iter_mut().for_each(|sample| *sample ^= 1 << LINES[2]);
-            let [first, _, third, _] = answers(spoilt.into_iter(), LINES);
+            let [first, _, third, _] = taken(&spoilt);
             assert_eq!(first, Answer::Period(600));
             match third {
                 Answer::Garbled => garbled += 1,
@@ -304,15 +311,15 @@ mod tests {
         let mut random = 1_u32;
         let (mut speeds, rounds) = (0, 20_000);
         for _ in 0..rounds {
-            let noise = (0..SAMPLES).map(|_| {
+            let noise = [(); SAMPLES].map(|()| {
                 random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
                 (random >> 16) as u16
             });
-            let all = answers(noise, LINES);
+            let all = taken(&noise);
             speeds += all.iter().filter(|answer| matches!(answer, Answer::Period(_))).count();
         }
         assert!(speeds < 4 * rounds / 50, "{speeds} of {}", 4 * rounds);
-        assert_eq!(answers([0; SAMPLES].into_iter(), LINES), [Answer::Garbled; MOTORS], "shorted lines");
+        assert_eq!(taken(&[0; SAMPLES]), [Answer::Garbled; MOTORS], "shorted lines");
     }
 
     #[test]

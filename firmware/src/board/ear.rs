@@ -3,7 +3,7 @@
 //! A timer that drives nothing paces a DMA stream that reads the port's inputs; the program has nothing to do meanwhile. What is heard is
 //! taken apart in `firmware::erpm`.
 use core::mem::{forget, transmute};
-use core::sync::atomic::{AtomicU16, Ordering};
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_stm32::Peri;
 use embassy_stm32::dma::{self, Transfer, TransferOptions};
@@ -19,8 +19,8 @@ use crate::tasks::now_us;
 /// How long before it is to listen it may be told, µs: the pacer counts no further.
 const AHEAD_US_MAX: u64 = 300;
 
-/// What was heard last. The stream writes it, so it is nobody's but by atomics.
-static HEARD: [AtomicU16; SAMPLES] = [const { AtomicU16::new(0) }; SAMPLES];
+/// What was heard last, two samples a word. The stream writes it, so it is nobody's but by atomics.
+static HEARD: [AtomicU32; SAMPLES / 2] = [const { AtomicU32::new(0) }; SAMPLES / 2];
 
 /// The lines of all motors, which lie on one port, and what listens to them. There is one.
 pub(crate) struct Ear<T: GeneralInstance4Channel, D: UpDma<T>> {
@@ -123,7 +123,7 @@ where
     }
 }
 
-/// What was heard last.
-pub(crate) fn heard() -> impl Iterator<Item = u16> {
-    HEARD.iter().map(|sample| sample.load(Ordering::Relaxed))
+/// What was heard last: pairs of samples, the earlier one in the lower half.
+pub(crate) fn heard() -> impl Iterator<Item = u32> {
+    HEARD.iter().map(|pair| pair.load(Ordering::Relaxed))
 }
