@@ -54,7 +54,7 @@ const UP_MAX: Duration = Duration::from_secs(1);
 /// Time within which it must find a block, or program one: twice what cards are allowed.
 const BUSY_MAX: Duration = Duration::from_millis(500);
 /// Time between two looks at a card that is busy.
-const LOOK: Duration = Duration::from_micros(200);
+const LOOK: Duration = Duration::from_micros(500);
 
 /// There is no card, or one that does not do as it should, or of less than 4 GB.
 #[derive(Clone, Copy)]
@@ -88,23 +88,28 @@ impl Slot {
         self.select.set_high();
         self.send(&[0xff; WAKE_BYTES]);
         self.select.set_low();
+        // While the clock is slow others have their turn between any two commands.
+        yield_now().await;
         self.ready().await?;
         if self.command(0, 0) != IDLE {
             // One that is put in is in no block.
             if core::mem::replace(&mut self.empty, true) {
                 return Err(CardError::Missing);
             }
+            yield_now().await;
             for _ in 0..PIECES {
                 self.send(&[0xff; PIECE_BYTES]);
                 yield_now().await;
             }
             self.stop().await?;
+            yield_now().await;
             self.ready().await?;
             if self.command(0, 0) != IDLE {
                 return Err(CardError::Missing);
             }
         }
         self.empty = false;
+        yield_now().await;
         if self.command(8, SUPPLY) != IDLE || self.word() & 0xfff != SUPPLY {
             return Err(CardError::Small);
         }

@@ -69,7 +69,6 @@ impl Block {
     }
 
     /// Appends `content` whole; false if there is no room for it, and nothing changes then.
-    #[inline]
     pub fn put(&mut self, content: &[u8]) -> bool {
         let start = HEAD + self.used;
         let end = start + content.len();
@@ -84,13 +83,19 @@ impl Block {
         self.used == 0
     }
 
+    /// Empties it. What was in it stays beyond what is used.
+    pub fn clear(&mut self) {
+        self.used = 0;
+    }
+
     /// The block as it is stored, the `number`-th of its file.
-    pub fn seal(&mut self, number: u32) -> &[u8; BLOCK_BYTES] {
-        self.bytes[4..8].copy_from_slice(&number.to_le_bytes());
-        self.bytes[8..HEAD].copy_from_slice(&(self.used as u16).to_le_bytes());
-        let checksum = flight_link::checksum(&self.bytes[..HEAD + ROOM]);
-        self.bytes[HEAD + ROOM..].copy_from_slice(&checksum.to_le_bytes());
-        &self.bytes
+    pub fn sealed(&self, number: u32) -> [u8; BLOCK_BYTES] {
+        let mut bytes = self.bytes;
+        bytes[4..8].copy_from_slice(&number.to_le_bytes());
+        bytes[8..HEAD].copy_from_slice(&(self.used as u16).to_le_bytes());
+        let checksum = flight_link::checksum(&bytes[..HEAD + ROOM]);
+        bytes[HEAD + ROOM..].copy_from_slice(&checksum.to_le_bytes());
+        bytes
     }
 }
 
@@ -146,7 +151,7 @@ mod tests {
         assert!(block.is_empty());
         assert!(block.put(b"abc") && block.put(&[7; ROOM - 3]));
         assert!(!block.put(&[1]), "it is full");
-        let bytes = *block.seal(0x0102_0304);
+        let bytes = block.sealed(0x0102_0304);
         let opened = open(&bytes).unwrap();
         assert_eq!((opened.kind, opened.number, opened.content.len()), (Kind::Steps, 0x0102_0304, ROOM));
         assert_eq!(&opened.content[..4], b"abc\x07");
@@ -156,7 +161,7 @@ mod tests {
     fn a_block_with_a_wrong_bit_is_none() {
         let mut block = Block::new(Kind::Preamble);
         block.put(b"what flew");
-        let good = *block.seal(3);
+        let good = block.sealed(3);
         for bit in 0..8 * BLOCK_BYTES {
             let mut bad = good;
             bad[bit / 8] ^= 1 << (bit % 8);

@@ -227,8 +227,6 @@ impl Imu {
         Part::of(who) == Some(self.part)
     }
 
-    // Apart, for what it panics of to be told from what else might (xtask/src/panics.rs).
-    #[inline(never)]
     fn clock(&mut self, hz: u32) {
         // A speed can always be set.
         let _ = self.bus.set_config(&board::imu_bus_config(hz));

@@ -322,7 +322,7 @@ mod tests {
         for written in 0..=100 {
             assert_eq!(block_on(extent.end(&mut card)), Ok(written));
             if written < 100 {
-                card.0[(extent.first + written) as usize] = *Block::new(Kind::Steps).seal(written);
+                card.0[(extent.first + written) as usize] = Block::new(Kind::Steps).sealed(written);
             }
         }
     }

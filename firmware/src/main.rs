@@ -11,7 +11,7 @@
 mod black_box;
 #[cfg(target_os = "none")]
 mod board;
-#[cfg(all(target_os = "none", feature = "flight-log"))]
+#[cfg(target_os = "none")]
 mod card;
 #[cfg(target_os = "none")]
 mod fault;
@@ -25,7 +25,7 @@ mod kept;
 mod line;
 #[cfg(target_os = "none")]
 mod motors;
-#[cfg(all(target_os = "none", feature = "flight-log"))]
+#[cfg(target_os = "none")]
 mod recorder;
 #[cfg(target_os = "none")]
 mod restart;

@@ -26,9 +26,11 @@ const WAITING: usize = 120;
 /// The queue keeps one place free.
 type Blocks = Queue<Block, { WAITING + 1 }>;
 
-/// Not cleared at boot, and no DMA reaches it.
+/// Not cleared at boot, and no DMA reaches them.
 #[unsafe(link_section = ".ccm")]
 static mut QUEUE: MaybeUninit<Blocks> = MaybeUninit::uninit();
+#[unsafe(link_section = ".ccm")]
+static mut PACKER: MaybeUninit<Packer> = MaybeUninit::uninit();
 /// Blocks for which there was no room.
 static DROPPED: AtomicU32 = AtomicU32::new(0);
 
@@ -41,18 +43,18 @@ const COMMIT: Duration = Duration::from_secs(1);
 
 /// Notes steps for the log. Control's.
 pub(crate) struct Recorder {
-    packer: Packer,
+    packer: &'static mut Packer,
     blocks: Producer<'static, Block>,
 }
 
 impl Recorder {
     /// Notes a step, by the words of its record.
     pub(crate) fn note(&mut self, record: &[u32; WORDS]) {
-        if let Some(block) = self.packer.note(record)
-            && self.blocks.enqueue(block).is_err()
-        {
-            DROPPED.fetch_add(1, Ordering::Relaxed);
-        }
+        self.packer.note(record, |full| {
+            if self.blocks.enqueue(full.clone()).is_err() {
+                DROPPED.fetch_add(1, Ordering::Relaxed);
+            }
+        });
     }
 }
 
@@ -62,11 +64,11 @@ impl Recorder {
 /// If called twice.
 pub(crate) fn queue() -> (Recorder, Consumer<'static, Block>) {
     singleton!(: () = ()).expect("called once");
-    let place = &raw mut QUEUE;
+    let (queue, packer) = (&raw mut QUEUE, &raw mut PACKER);
     // SAFETY: the first line lets nobody else come here.
-    let queue = unsafe { &mut *place }.write(Queue::new());
-    let (blocks, consumer) = queue.split();
-    (Recorder { packer: Packer::new(), blocks }, consumer)
+    let (queue, packer) = unsafe { (&mut *queue, &mut *packer) };
+    let (blocks, consumer) = queue.write(Queue::new()).split();
+    (Recorder { packer: packer.write(Packer::new()), blocks }, consumer)
 }
 
 /// What flies.
@@ -131,15 +133,17 @@ async fn log(
     let image = [env!("CARGO_PKG_VERSION"), env!("COMMIT")];
     let preamble = Preamble { image, board: board::NAME, parameters, resumed: *resumed };
     for block in preamble.blocks() {
-        log.write(block).await?;
+        log.write(&block).await?;
     }
     defmt::info!("the flight log is in FLIGHT.LOG, block {=u32} of {=u32}", log.next, file.blocks);
     said.trouble = "";
     let mut commit = Instant::now() + COMMIT;
     loop {
-        match blocks.dequeue() {
-            Some(block) => log.write(block).await?,
-            None => Timer::after(LOOK).await,
+        if let Some(block) = blocks.peek() {
+            log.write(block).await?;
+            blocks.dequeue();
+        } else {
+            Timer::after(LOOK).await;
         }
         if Instant::now() >= commit {
             log.commit().await?;
@@ -163,12 +167,12 @@ struct Log<'a> {
 }
 
 impl Log<'_> {
-    async fn write(&mut self, mut block: Block) -> Result<(), Trouble> {
+    async fn write(&mut self, block: &Block) -> Result<(), Trouble> {
         if self.next >= self.file.blocks {
             self.slot.stop().await?;
             return Err(Trouble::Full);
         }
-        self.slot.write(block.seal(self.number)).await?;
+        self.slot.write(&block.sealed(self.number)).await?;
         self.next += 1;
         self.number += 1;
         Ok(())

@@ -27,14 +27,15 @@ use embassy_time::{Duration, Instant, Ticker};
 use heapless::spsc::{Consumer, Producer, Queue};
 
 use crate::black_box;
-use crate::board::{self, BATTERY_DIVIDER, BUFFERS, Battery, Board, Buffers, Radio, STATUS_ON, Status, Watchdog};
+use crate::board::{
+    self, BATTERY_DIVIDER, BUFFERS, Battery, Board, Buffers, HAS_SLOT, Radio, STATUS_ON, Status, Watchdog,
+};
 use crate::fault;
 use crate::gnss::{GNSS, locate};
 use crate::imu::Imu;
 use crate::line;
 use crate::motors::Motors;
-#[cfg(feature = "flight-log")]
-use crate::recorder::{self, Recorder};
+use crate::recorder::{self, Flown, Recorder};
 use crate::restart;
 use crate::sensors::{BARO_ALTITUDE_M, BAROMETER_FOUND, MAGNETIC_UT, sense};
 use crate::station::{self, SNAPSHOT};
@@ -61,8 +62,8 @@ type Reader = Consumer<'static, Report>;
 /// Whom control tells of its steps.
 struct Listeners {
     reports: Reporter,
-    #[cfg(feature = "flight-log")]
-    recorder: Recorder,
+    /// If there is a slot for a card.
+    recorder: Option<Recorder>,
 }
 
 /// The newest of what arrives slowly.
@@ -122,16 +123,13 @@ pub(crate) fn start(spawner: Spawner) {
     }
     let motors = Motors::new(motors, ear, &parameters);
     let valid = loaded.is_valid();
-    let listeners = Listeners {
-        reports: producer,
-        #[cfg(feature = "flight-log")]
-        recorder: {
-            let (recorder, blocks) = recorder::queue();
-            let keep = recorder::keep(board.card, recorder::Flown { parameters, resumed }, blocks);
-            spawner.spawn(keep.expect("keep is started once"));
-            recorder
-        },
-    };
+    let mut listeners = Listeners { reports: producer, recorder: None };
+    // The constant says to the linker, too, whether there is a queue.
+    if HAS_SLOT && let Some(card) = board.card {
+        let (recorder, blocks) = recorder::queue();
+        spawner.spawn(recorder::keep(card, Flown { parameters, resumed }, blocks).expect("keep is started once"));
+        listeners.recorder = Some(recorder);
+    }
     let control = control(flight, resumed, valid, imu, motors, watchdog, listeners).expect("control is started once");
     board::start_control_executor().spawn(control);
     spawner.spawn(listen(radio).expect("listen is started once"));
@@ -170,10 +168,19 @@ async fn control(
     loop {
         imu.wait().await;
         let (time_us, started) = (now_us(), DWT::cycle_count());
-        let measurements = Measurements { rotor_rad_s: motors.take_speeds(), ..read(&mut imu, time_us).await };
+        let sample = imu.read().await;
         let armed = flight.helm().decision().is_some_and(|decision| decision.armed);
         let arrived = Arrived {
-            measurements,
+            measurements: Measurements {
+                imu: sample.map(|value| Stamped { time_us, value }),
+                battery_v: BATTERY_V.try_take(),
+                baro_altitude_m: BARO_ALTITUDE_M.try_take(),
+                magnetic_ut: MAGNETIC_UT.try_take(),
+                gnss: GNSS.try_take(),
+                vision: VISION.try_take(),
+                rotor_rad_s: motors.take_speeds(),
+                ..Measurements::default()
+            },
             pilot: PILOT.try_take(),
             offboard: None,
             bench: station::order(time_us, armed, flight.helm().state().bench().is_some()),
@@ -192,8 +199,9 @@ async fn control(
         let record = Record { step: number, time_us, arrived, command };
         let words = record.to_words();
         black_box::keep(&words);
-        #[cfg(feature = "flight-log")]
-        listeners.recorder.note(&words);
+        if let Some(recorder) = &mut listeners.recorder {
+            recorder.note(&words);
+        }
         restart::keep(flight, number, time_us);
         if let Some(decision) = flight.helm().decision() {
             FACTS.lock(|facts| facts.set(facts.get().and(decision)));
@@ -201,7 +209,7 @@ async fn control(
                 tally.refuse(decision.failing);
             }
         }
-        tally.step(measurements.imu.is_some(), command, told);
+        tally.step(sample.is_some(), command, told);
         let took_us = now_us().saturating_sub(time_us);
         late = took_us >= STEP_US_MAX;
         if let Some(snapshot) = telemetry.note(&record, flight, Pass { took_us, late }) {
@@ -216,20 +224,6 @@ async fn control(
             // A full queue means that the log hangs, and then there is nobody to tell.
             let _ = listeners.reports.enqueue(report);
         }
-    }
-}
-
-/// Everything that the sensors have said since the last look.
-async fn read(imu: &mut Imu, time_us: u64) -> Measurements {
-    let value = imu.read().await;
-    Measurements {
-        imu: value.map(|value| Stamped { time_us, value }),
-        battery_v: BATTERY_V.try_take(),
-        baro_altitude_m: BARO_ALTITUDE_M.try_take(),
-        magnetic_ut: MAGNETIC_UT.try_take(),
-        gnss: GNSS.try_take(),
-        vision: VISION.try_take(),
-        ..Measurements::default()
     }
 }
 

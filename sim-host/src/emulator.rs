@@ -96,19 +96,7 @@ impl Emulator {
     /// # Errors
     /// If the emulator or the image does not build or start.
     pub fn start() -> Result<Self, EmulatorError> {
-        Self::start_with(None)
-    }
-
-    /// The same, with the image that keeps a flight log on a card.
-    ///
-    /// # Errors
-    /// As [`Self::start`].
-    pub fn start_logging() -> Result<Self, EmulatorError> {
-        Self::start_with(Some("flight-log"))
-    }
-
-    fn start_with(features: Option<&'static str>) -> Result<Self, EmulatorError> {
-        let Parts { emulator, image } = parts(features)?;
+        let Parts { emulator, image } = parts()?;
         let mut child =
             Command::new(emulator).arg(image).arg("--pipe").stdin(Stdio::piped()).stdout(Stdio::piped()).spawn()?;
         let missing = || io::Error::other("no pipe");
@@ -370,7 +358,7 @@ impl Served {
     /// # Errors
     /// As [`Emulator::start`].
     pub fn start(seconds: u32) -> Result<Self, EmulatorError> {
-        let Parts { emulator, image } = parts(None)?;
+        let Parts { emulator, image } = parts()?;
         let mut command = Command::new(emulator);
         command.arg(image).args(["--station", "0", "--seconds", &seconds.to_string()]).stdout(Stdio::piped());
         let mut child = command.spawn()?;

@@ -346,10 +346,13 @@ mod tests {
         let preamble = Preamble { image: ["0.1.0", "c0ffee"], board: "a board", parameters, resumed };
         let mut blocks: Vec<_> = preamble.blocks().collect();
         let mut packer = Packer::new();
-        let steps = records.iter().filter_map(|record| packer.note(&record.to_words())).collect::<Vec<_>>();
-        let steps = steps.into_iter().chain([packer.finish()]).enumerate();
-        blocks.extend(steps.filter(|(n, _)| !lost(*n)).map(|(_, block)| block));
-        (0..).zip(&mut blocks).flat_map(|(number, block)| *block.seal(number)).collect()
+        let mut steps = Vec::new();
+        for record in records {
+            packer.note(&record.to_words(), |full| steps.push(full.clone()));
+        }
+        steps.push(packer.finish());
+        blocks.extend(steps.into_iter().enumerate().filter(|(n, _)| !lost(*n)).map(|(_, block)| block));
+        (0..).zip(&blocks).flat_map(|(number, block)| block.sealed(number)).collect()
     }
 
     fn read(file: &[u8]) -> Result<Replay, ReplayError> {

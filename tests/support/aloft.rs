@@ -118,28 +118,6 @@ impl Aloft {
     pub fn prepared(say: impl FnOnce(&mut Emulator)) -> Self {
         let mut emulator = Emulator::start().expect("emulator and image build");
         say(&mut emulator);
-        Self::aboard(emulator)
-    }
-
-    /// The same, with the image that keeps a flight log.
-    ///
-    /// # Panics
-    /// If it does not boot.
-    pub fn logging(say: impl FnOnce(&mut Emulator)) -> Self {
-        let mut emulator = Emulator::start_logging().expect("emulator and image build");
-        say(&mut emulator);
-        Self::aboard(emulator)
-    }
-
-    /// The same, with a card in its slot.
-    ///
-    /// # Panics
-    /// If it does not boot.
-    pub fn with_card(card: &Card) -> Self {
-        Self::logging(|emulator| emulator.put_card(Some(card.path())))
-    }
-
-    fn aboard(mut emulator: Emulator) -> Self {
         let keys = VehicleKeys { linear_drag_n_s_m: 0.1, ..VehicleKeys::default() };
         let vehicle = Vehicle::new(AirframeName::Paper, &keys);
         let ground = Ground { altitude_m: Some(0.0) };
@@ -160,6 +138,14 @@ impl Aloft {
             answer,
             stops_unheard: false,
         }
+    }
+
+    /// The same, with a card in its slot.
+    ///
+    /// # Panics
+    /// If it does not boot.
+    pub fn with_card(card: &Card) -> Self {
+        Self::prepared(|emulator| emulator.put_card(Some(card.path())))
     }
 
     /// Does something to the chip that no program should.

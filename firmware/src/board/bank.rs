@@ -5,18 +5,17 @@ use embassy_stm32::interrupt::typelevel::Binding;
 use embassy_stm32::timer::low_level::OutputPolarity;
 use embassy_stm32::timer::simple_pwm::SimplePwm;
 use embassy_stm32::timer::{Channel, GeneralInstance4Channel, UpDma};
-use firmware::dshot::{self, Dialogue};
+use firmware::dshot::{self, Dialogue, Waveform};
 
 use super::chosen::Irqs;
 
-/// A frame for each of `N` motors.
-pub(crate) type Frames<const N: usize> = [[u16; N]; dshot::BITS];
-
 /// `N` neighbouring channels of a timer.
 pub(crate) struct Bank<T: GeneralInstance4Channel, D: UpDma<T>, const N: usize> {
-    pub(super) timer: SimplePwm<'static, T>,
-    pub(super) dma: Peri<'static, D>,
-    pub(super) channels: [Channel; N],
+    timer: SimplePwm<'static, T>,
+    dma: Peri<'static, D>,
+    channels: [Channel; N],
+    /// A frame for each motor.
+    waveform: Waveform<N>,
 }
 
 impl<T, D, const N: usize> Bank<T, D, N>
@@ -25,20 +24,28 @@ where
     D: UpDma<T>,
     Irqs: Binding<D::Interrupt, dma::InterruptHandler<D>>,
 {
+    /// Not connected yet.
+    pub(super) fn new(timer: SimplePwm<'static, T>, dma: Peri<'static, D>, channels: [Channel; N]) -> Self {
+        Self { timer, dma, channels, waveform: [[0; N]; dshot::BITS] }
+    }
+
     /// The timer's counts in one period, which are the counts of a DShot bit or of the time between pulses.
     pub(crate) fn counts(&self) -> u32 {
         self.timer.max_duty_cycle()
     }
 
-    /// One DShot frame for each motor, in the order of the channels, as [`Self::send`] takes them.
-    pub(crate) fn frames(&self, values: [dshot::Value; N], dialogue: Dialogue) -> Frames<N> {
-        dshot::waveform(values, dialogue, self.counts() as u16)
+    /// Writes one DShot frame for each motor, in the order of the channels.
+    pub(crate) fn write(&mut self, values: [dshot::Value; N], dialogue: Dialogue) {
+        let counts = self.counts() as u16;
+        dshot::write(&mut self.waveform, values, dialogue, counts);
     }
 
-    /// Sends frames; returns when they are through.
-    pub(crate) async fn send(&mut self, waveform: &Frames<N>) {
+    /// Sends them; returns when they are through.
+    pub(crate) async fn send(&mut self) {
         let [Some(&first), Some(&last)] = [self.channels.first(), self.channels.last()] else { return };
-        self.timer.waveform_up_multi_channel(self.dma.reborrow(), Irqs, first, last, waveform.as_flattened()).await;
+        self.timer
+            .waveform_up_multi_channel(self.dma.reborrow(), Irqs, first, last, self.waveform.as_flattened())
+            .await;
     }
 
     /// Sets how long each motor's pulses are from now on, in counts.

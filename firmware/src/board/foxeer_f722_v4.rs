@@ -67,6 +67,8 @@ use crate::motors::Protocol;
 pub(crate) const NAME: &str = "Foxeer F722 V4";
 /// Whether the station may come by USB: its 25 kB are more than the flash has beside the parameters' half.
 pub(crate) const SERVES_USB: bool = false;
+/// Whether there is a slot for a card, for the flight log.
+pub(crate) const HAS_SLOT: bool = false;
 /// What the speed controllers are sent.
 pub(crate) const PROTOCOL: Protocol = Protocol::DShot600;
 /// Battery voltage over pin voltage.
@@ -130,8 +132,9 @@ impl MotorPins {
     /// Sends one DShot frame to each motor; returns when they are through.
     pub(crate) async fn send(&mut self, [a, b, c, d]: [dshot::Value; 4], dialogue: Dialogue) {
         // First all of them: they begin together.
-        let (first, second) = (self.first.frames([b, a], dialogue), self.second.frames([d, c], dialogue));
-        embassy_futures::join::join(self.first.send(&first), self.second.send(&second)).await;
+        self.first.write([b, a], dialogue);
+        self.second.write([d, c], dialogue);
+        embassy_futures::join::join(self.first.send(), self.second.send()).await;
     }
 
     /// Sets how long each motor's pulses are from now on, in counts.
@@ -165,8 +168,8 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
     let (bitten, browned_out) = take_causes();
     Board {
         motors: MotorPins {
-            first: Bank { timer: first, dma: p.DMA2_CH5, channels: [Ch1, Ch2] },
-            second: Bank { timer: second, dma: p.DMA2_CH1, channels: [Ch3, Ch4] },
+            first: Bank::new(first, p.DMA2_CH5, [Ch1, Ch2]),
+            second: Bank::new(second, p.DMA2_CH1, [Ch3, Ch4]),
         },
         ear: None,
         imu_bus: Spi::new(
@@ -194,6 +197,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
             .split(),
         usb: usb::Driver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, &mut buffers.usb, usb_config()),
         store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region3),
+        card: None,
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PC15, Level::High, Speed::Low),
         buzzer: Output::new(p.PA4, Level::Low, Speed::Low),

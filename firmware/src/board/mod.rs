@@ -21,10 +21,8 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use firmware::icm42688::Mount;
 use firmware::stored::Stored;
 
+use crate::card::Slot;
 use crate::gnss;
-
-#[cfg(all(feature = "flight-log", not(feature = "speedybee-f405-v4")))]
-compile_error!("feature flight-log: must be with speedybee-f405-v4: no other board has a slot for a card");
 
 mod bank;
 mod ear;
@@ -46,8 +44,8 @@ use speedybee_f405_v4 as chosen;
 pub(crate) use ear::heard;
 
 pub(crate) use chosen::{
-    BATTERY_DIVIDER, IMU_MOUNT, MotorEar, MotorPins, NAME, PROTOCOL, SERVES_USB, STATUS_ON, SensorBus, SensorPins,
-    init, start_control_executor,
+    BATTERY_DIVIDER, HAS_SLOT, IMU_MOUNT, MotorEar, MotorPins, NAME, PROTOCOL, SERVES_USB, STATUS_ON, SensorBus,
+    SensorPins, init, start_control_executor,
 };
 
 /// Time without a step that was done in time after which the watchdog resets the chip, µs.
@@ -85,9 +83,8 @@ pub(crate) struct Board {
     pub(crate) usb: UsbPort,
     /// Where parameters are stored.
     pub(crate) store: Store,
-    /// The slot for a card.
-    #[cfg(feature = "flight-log")]
-    pub(crate) card: crate::card::Slot,
+    /// The slot for a card, if it has one.
+    pub(crate) card: Option<Slot>,
     /// The battery's voltage.
     pub(crate) battery: Battery,
     /// The status LED.

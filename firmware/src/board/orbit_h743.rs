@@ -67,6 +67,8 @@ use crate::motors::Protocol;
 pub(crate) const NAME: &str = "Orbit H743";
 /// Whether the station may come by USB.
 pub(crate) const SERVES_USB: bool = true;
+/// Whether there is a slot for a card, for the flight log.
+pub(crate) const HAS_SLOT: bool = false;
 /// What the speed controllers are sent.
 pub(crate) const PROTOCOL: Protocol = Protocol::DShot600;
 /// Battery voltage over pin voltage.
@@ -139,8 +141,8 @@ impl MotorPins {
 
     /// Sends one DShot frame to each motor; returns when they are through.
     pub(crate) async fn send(&mut self, values: [dshot::Value; 4], dialogue: Dialogue) {
-        let frames = self.0.frames(values, dialogue);
-        self.0.send(&frames).await;
+        self.0.write(values, dialogue);
+        self.0.send().await;
     }
 
     /// Sets how long each motor's pulses are from now on, in counts.
@@ -173,7 +175,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
     let gnss = Uart::new(p.USART6, p.PC7, p.PC6, p.DMA1_CH0, p.DMA1_CH1, Irqs, line_config(ubx::BAUD));
     let (bitten, browned_out) = take_causes();
     Board {
-        motors: MotorPins(Bank { timer, dma: p.DMA1_CH6, channels: [Ch1, Ch2, Ch3, Ch4] }),
+        motors: MotorPins(Bank::new(timer, p.DMA1_CH6, [Ch1, Ch2, Ch3, Ch4])),
         ear: Some(Ear::new(p.TIM1, p.DMA2_CH1, pac::GPIOB, [6, 7, 8, 9], PROTOCOL.timer_hz())),
         imu_bus: Spi::new(
             p.SPI1,
@@ -200,6 +202,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
             .split(),
         usb: usb::Driver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, &mut buffers.usb, usb_config()),
         store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank2_region),
+        card: None,
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PE3, Level::High, Speed::Low),
         buzzer: Output::new(p.PC15, Level::Low, Speed::Low),

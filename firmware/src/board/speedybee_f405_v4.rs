@@ -60,7 +60,6 @@ use super::{
     Battery, Board, Buffers, STATION_BAUD, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensor_bus,
     store, usb_config,
 };
-#[cfg(feature = "flight-log")]
 use crate::card::Slot;
 use crate::gnss;
 use crate::motors::Protocol;
@@ -68,7 +67,9 @@ use crate::motors::Protocol;
 /// The board's name, for the log.
 pub(crate) const NAME: &str = "SpeedyBee F405 V4";
 /// Whether the station may come by USB.
-pub(crate) const SERVES_USB: bool = !cfg!(feature = "flight-log");
+pub(crate) const SERVES_USB: bool = true;
+/// Whether there is a slot for a card, for the flight log.
+pub(crate) const HAS_SLOT: bool = true;
 /// What the speed controllers are sent.
 pub(crate) const PROTOCOL: Protocol = Protocol::DShot600;
 /// Battery voltage over pin voltage.
@@ -132,8 +133,9 @@ impl MotorPins {
     /// Sends one DShot frame to each motor; returns when they are through.
     pub(crate) async fn send(&mut self, [a, b, c, d]: [dshot::Value; 4], dialogue: Dialogue) {
         // First all of them: they begin together.
-        let (first, second) = (self.first.frames([a, b], dialogue), self.second.frames([c, d], dialogue));
-        embassy_futures::join::join(self.first.send(&first), self.second.send(&second)).await;
+        self.first.write([a, b], dialogue);
+        self.second.write([c, d], dialogue);
+        embassy_futures::join::join(self.first.send(), self.second.send()).await;
     }
 
     /// Sets how long each motor's pulses are from now on, in counts.
@@ -167,8 +169,8 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
     let (bitten, browned_out) = take_causes();
     Board {
         motors: MotorPins {
-            first: Bank { timer: first, dma: p.DMA1_CH6, channels: [Ch1, Ch2] },
-            second: Bank { timer: second, dma: p.DMA1_CH2, channels: [Ch3, Ch4] },
+            first: Bank::new(first, p.DMA1_CH6, [Ch1, Ch2]),
+            second: Bank::new(second, p.DMA1_CH2, [Ch3, Ch4]),
         },
         ear: Some(Ear::new(p.TIM1, p.DMA2_CH5, pac::GPIOB, [6, 7, 0, 1], PROTOCOL.timer_hz())),
         imu_bus: Spi::new(
@@ -196,13 +198,12 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
             .split(),
         usb: usb::Driver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, &mut buffers.usb, usb_config()),
         store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region3),
-        #[cfg(feature = "flight-log")]
         card: {
             // SAFETY: of the two buses that have these streams, who has `card::TURN` alone uses them.
             let shared = unsafe { Peripherals::steal() };
             let (to, from) = (shared.DMA1_CH7, shared.DMA1_CH0);
             let bus = Spi::new(p.SPI3, p.PB3, p.PB5, p.PB4, to, from, Irqs, embassy_stm32::spi::Config::default());
-            Slot::new(bus, Output::new(p.PC14, Level::High, Speed::Low))
+            Some(Slot::new(bus, Output::new(p.PC14, Level::High, Speed::Low)))
         },
         battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
         status: Output::new(p.PC13, Level::High, Speed::Low),

@@ -154,8 +154,8 @@ mod tests {
         let preamble =
             Preamble { image: ["0.1.0", "c0ffee"], board: "a board", parameters: &parameters, resumed: true };
         let mut facts: Vec<(String, String)> = Vec::new();
-        for (number, mut block) in (0..).zip(preamble.blocks()) {
-            let bytes = *block.seal(number);
+        for (number, block) in (0..).zip(preamble.blocks()) {
+            let bytes = block.sealed(number);
             let Opened { kind, content, .. } = open(&bytes).unwrap();
             assert_eq!(kind, Kind::Preamble);
             for fact in Facts::new(content) {

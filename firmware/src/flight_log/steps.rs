@@ -25,54 +25,88 @@ const STEP_BYTES: usize = 2 + 2 + 12 + GROUPS + 4 * WORDS;
 const _: () = assert!(GROUPS <= 14 && STEP_BYTES <= ROOM);
 /// The words from here on are the rotors' speeds and their age.
 const ROTORS: usize = 54;
-/// Words of the first groups, and where the last ones begin, of which anything but 0 can be foreseen.
-const FIRST: usize = 2 * GROUP;
-const LAST: usize = ROTORS / GROUP * GROUP;
+/// The groups that are foreseen to be 0, and mostly are.
+const SLOW_GROUPS: core::ops::Range<usize> = 2..ROTORS / GROUP;
 /// The words with the inertial sample: rates, specific force.
 const INERTIAL: core::ops::Range<usize> = 4..10;
 
 type Words = [u32; WORDS];
 
-/// What of a step the next one's words can be foreseen by.
-#[derive(Clone, Copy, Debug)]
-struct Lead {
-    /// Which parts are there, number, time.
-    head: [u32; 4],
-    /// The rotors' speeds and their age.
-    rotors: [u32; WORDS - ROTORS],
+/// What is foreseen of a step.
+#[derive(Clone, Debug)]
+struct Foreseen {
+    /// Between two steps, of the last one: which parts are there, number, time, the rotors' speeds and their age. The others are 0, but for
+    /// the inertial sample, which is written anew for each.
+    words: Words,
+    /// Whether there was a last one.
+    follows: bool,
 }
 
-impl Lead {
-    fn new(words: &Words) -> Self {
-        let [a, b, c, d, ..] = *words;
-        Self { head: [a, b, c, d], rotors: core::array::from_fn(|n| words[ROTORS + n]) }
+impl Foreseen {
+    fn nothing() -> Self {
+        Self { words: [0; WORDS], follows: false }
     }
+
+    /// Time from the last step to the one after it, µs, if this is that and the time is no longer than two bytes.
+    fn elapsed_us(&self, words: &Words) -> Option<u16> {
+        let follows = self.follows && words[1] == self.words[1].wrapping_add(1);
+        time_us(words).checked_sub(time_us(&self.words)).filter(|_| follows)?.try_into().ok()
+    }
+
+    /// Goes on to the next step.
+    ///
+    /// - `elapsed_us`: if it follows.
+    /// - `counts`: if it has a sample.
+    fn advance(&mut self, elapsed_us: Option<u16>, counts: Option<[i16; 6]>) {
+        if let Some(elapsed_us) = elapsed_us {
+            let time_us = time_us(&self.words).wrapping_add(elapsed_us.into());
+            self.words[1] = self.words[1].wrapping_add(1);
+            [self.words[2], self.words[3]] = [time_us as u32, (time_us >> 32) as u32];
+        } else {
+            self.words[..INERTIAL.start].fill(0);
+            self.words[ROTORS..].fill(0);
+        }
+        self.words[INERTIAL].copy_from_slice(&counts.map_or([0; 6], values));
+    }
+
+    /// Takes in what the step was.
+    fn learn(&mut self, words: &Words) {
+        self.words[..INERTIAL.start].copy_from_slice(&words[..INERTIAL.start]);
+        self.words[ROTORS..].copy_from_slice(&words[ROTORS..]);
+        self.follows = true;
+    }
+}
+
+fn time_us(words: &Words) -> u64 {
+    u64::from(words[3]) << 32 | u64::from(words[2])
 }
 
 /// Puts steps into blocks.
 #[derive(Debug)]
 pub struct Packer {
     block: Block,
-    /// Of the last step in the block.
-    last: Option<Lead>,
+    foreseen: Foreseen,
+    /// Of the last step.
+    bytes: [u8; STEP_BYTES],
 }
 
 impl Packer {
     /// A packer of no steps.
     pub fn new() -> Self {
-        Self { block: Block::new(Kind::Steps), last: None }
+        Self { block: Block::new(Kind::Steps), foreseen: Foreseen::nothing(), bytes: [0; STEP_BYTES] }
     }
 
-    /// Appends a step, the words of its [`Record`]; returns the block before it, if that has become full.
-    pub fn note(&mut self, words: &Words) -> Option<Block> {
-        let full = (!write(words, self.last.as_ref(), &mut self.block)).then(|| {
-            let full = core::mem::replace(&mut self.block, Block::new(Kind::Steps));
-            // It follows nothing now, and there is room for the longest.
-            write(words, None, &mut self.block);
-            full
-        });
-        self.last = Some(Lead::new(words));
-        full
+    /// Appends a step, the words of its [`Record`].
+    ///
+    /// - `full`: takes the block before it, if that has become full.
+    pub fn note(&mut self, words: &Words, full: impl FnOnce(&Block)) {
+        if !self.block.put(write(words, &mut self.foreseen, &mut self.bytes)) {
+            full(&self.block);
+            self.block.clear();
+            self.foreseen.follows = false;
+            // There is room for the longest.
+            self.block.put(write(words, &mut self.foreseen, &mut self.bytes));
+        }
     }
 
     /// The block that is not full yet.
@@ -87,78 +121,69 @@ impl Default for Packer {
     }
 }
 
-/// Appends a step; false if there is no room for it, and nothing changes then.
-fn write(words: &Words, last: Option<&Lead>, block: &mut Block) -> bool {
-    let elapsed_us = last.and_then(|last| elapsed_us(last, words));
-    let counts = (words[0] & HAS_IMU != 0).then(|| counts(words));
-    let (mut first, mut ends) = ([0; FIRST], [0; WORDS - LAST]);
-    if let (Some(last), Some(elapsed_us)) = (last, elapsed_us) {
-        first[..4].copy_from_slice(&follow(last, elapsed_us));
-        ends[ROTORS - LAST..].copy_from_slice(&last.rotors);
-    }
-    if let Some(counts) = counts {
-        first[INERTIAL].copy_from_slice(&values(counts));
-    }
-    let mut which = [0_u8; GROUPS];
-    for (which, (words, foreseen)) in which.iter_mut().zip(words.chunks(GROUP).zip(first.chunks(GROUP))) {
-        *which = differing(words, foreseen);
-    }
-    // Mostly not there.
-    if words[0] & SLOW != 0 {
-        for (which, words) in which.iter_mut().zip(words.chunks(GROUP)).take(LAST / GROUP).skip(FIRST / GROUP) {
-            *which = differing(words, &[0; GROUP]);
-        }
-    }
-    let last_groups = words[LAST..].chunks(GROUP).zip(ends.chunks(GROUP));
-    for (which, (words, foreseen)) in which[LAST / GROUP..].iter_mut().zip(last_groups) {
-        *which = differing(words, foreseen);
-    }
-    let mut lead = if elapsed_us.is_some() { FOLLOWS } else { 0 } | if counts.is_some() { COUNTED } else { 0 };
-    for (n, which) in which.iter().enumerate() {
-        lead |= u16::from(*which != 0) << n;
-    }
-    let before = block.used;
-    let mut fits = block.put(&lead.to_le_bytes());
-    if let Some(elapsed_us) = elapsed_us {
-        fits &= block.put(&elapsed_us.to_le_bytes());
-    }
-    if let Some([a, b, c, d, e, f]) = counts.map(|counts| counts.map(i16::to_le_bytes)) {
-        fits &= block.put(&[a[0], a[1], b[0], b[1], c[0], c[1], d[0], d[1], e[0], e[1], f[0], f[1]]);
-    }
-    for (which, words) in which.into_iter().zip(words.chunks(GROUP)).filter(|&(which, _)| which != 0) {
-        fits &= block.put(&[which]);
-        for (n, word) in words.iter().enumerate() {
-            if which >> n & 1 != 0 {
-                fits &= block.put(&word.to_le_bytes());
+/// A step that is being written, and how many bytes of it are.
+struct Writing<'a> {
+    bytes: &'a mut [u8; STEP_BYTES],
+    used: usize,
+}
+
+impl Writing<'_> {
+    /// Appends those words of a group that were not foreseen, if there is one.
+    fn put_group(&mut self, words: &[u32], foreseen: &[u32]) -> bool {
+        let start = self.used;
+        let mut which = 0_u8;
+        self.put([0]);
+        for (n, (word, seen)) in words.iter().zip(foreseen).enumerate() {
+            if word != seen {
+                which |= 1 << n;
+                self.put(word.to_le_bytes());
             }
         }
+        if which == 0 {
+            self.used = start;
+        } else if let Some(byte) = self.bytes.get_mut(start) {
+            *byte = which;
+        }
+        which != 0
     }
-    if !fits {
-        block.used = before;
+
+    /// There is room for the longest step.
+    #[inline(always)]
+    fn put<const N: usize>(&mut self, content: [u8; N]) {
+        if let Some(place) = self.bytes.get_mut(self.used..).and_then(|rest| rest.first_chunk_mut()) {
+            *place = content;
+            self.used += N;
+        }
     }
-    fits
 }
 
-/// Bits of the words of a group that are not what was foreseen.
-fn differing(words: &[u32], foreseen: &[u32]) -> u8 {
-    words.iter().zip(foreseen).enumerate().fold(0, |which, (n, (word, seen))| which | u8::from(word != seen) << n)
-}
-
-/// Time from a step to the one after it, µs, if the one is that and the time is no longer than two bytes.
-fn elapsed_us(last: &Lead, words: &Words) -> Option<u16> {
-    let follows = words[1] == last.head[1].wrapping_add(1);
-    let [_, _, low, high, ..] = *words;
-    time_us(low, high).checked_sub(time_us(last.head[2], last.head[3])).filter(|_| follows)?.try_into().ok()
-}
-
-fn time_us(low: u32, high: u32) -> u64 {
-    u64::from(high) << 32 | u64::from(low)
-}
-
-/// What can be foreseen of a step by the one before it.
-fn follow(&Lead { head: [parts, step, low, high], .. }: &Lead, elapsed_us: u16) -> [u32; 4] {
-    let time_us = time_us(low, high).wrapping_add(elapsed_us.into());
-    [parts, step.wrapping_add(1), time_us as u32, (time_us >> 32) as u32]
+/// Writes a step, and what is foreseen of the next one.
+fn write<'a>(words: &Words, foreseen: &mut Foreseen, bytes: &'a mut [u8; STEP_BYTES]) -> &'a [u8] {
+    let elapsed_us = foreseen.elapsed_us(words);
+    let counts = (words[0] & HAS_IMU != 0).then(|| counts(words));
+    foreseen.advance(elapsed_us, counts);
+    let mut lead = 0;
+    let mut writing = Writing { bytes, used: 2 };
+    if let Some(elapsed_us) = elapsed_us {
+        lead |= FOLLOWS;
+        writing.put(elapsed_us.to_le_bytes());
+    }
+    if let Some(counts) = counts {
+        lead |= COUNTED;
+        for count in counts {
+            writing.put(count.to_le_bytes());
+        }
+    }
+    let slow = words[0] & SLOW != 0;
+    for (n, (words, seen)) in words.chunks(GROUP).zip(foreseen.words.chunks(GROUP)).enumerate() {
+        if (slow || !SLOW_GROUPS.contains(&n)) && writing.put_group(words, seen) {
+            lead |= 1 << n;
+        }
+    }
+    foreseen.learn(words);
+    let used = writing.used;
+    [bytes[0], bytes[1]] = lead.to_le_bytes();
+    bytes.get(..used).unwrap_or_default()
 }
 
 /// The counts that are nearest to the inertial sample.
@@ -192,7 +217,7 @@ const INVERSES: [f32; 6] = {
 #[derive(Clone, Debug)]
 pub struct Steps<'a> {
     rest: &'a [u8],
-    last: Option<Lead>,
+    foreseen: Foreseen,
 }
 
 /// A block of steps ends within one: its checksum was right, so its writer was not.
@@ -202,7 +227,7 @@ pub struct StepError;
 impl<'a> Steps<'a> {
     /// Of a block's content.
     pub fn new(content: &'a [u8]) -> Self {
-        Self { rest: content, last: None }
+        Self { rest: content, foreseen: Foreseen::nothing() }
     }
 
     fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
@@ -211,20 +236,20 @@ impl<'a> Steps<'a> {
         Some(*taken)
     }
 
+    fn counts(&mut self) -> Option<[i16; 6]> {
+        let bytes: [u8; 12] = self.take()?;
+        Some(core::array::from_fn(|n| i16::from_le_bytes([bytes[2 * n], bytes[2 * n + 1]])))
+    }
+
     fn step(&mut self) -> Option<Words> {
         let lead = u16::from_le_bytes(self.take()?);
-        let mut words = [0; WORDS];
-        if lead & FOLLOWS != 0 {
-            let elapsed_us = u16::from_le_bytes(self.take()?);
-            let last = self.last?;
-            words[..4].copy_from_slice(&follow(&last, elapsed_us));
-            words[ROTORS..].copy_from_slice(&last.rotors);
+        let elapsed_us = if lead & FOLLOWS != 0 { Some(u16::from_le_bytes(self.take()?)) } else { None };
+        if elapsed_us.is_some() && !self.foreseen.follows {
+            return None;
         }
-        if lead & COUNTED != 0 {
-            let bytes: [u8; 12] = self.take()?;
-            let counts = core::array::from_fn(|n| i16::from_le_bytes([bytes[2 * n], bytes[2 * n + 1]]));
-            words[INERTIAL].copy_from_slice(&values(counts));
-        }
+        let counts = if lead & COUNTED != 0 { Some(self.counts()?) } else { None };
+        self.foreseen.advance(elapsed_us, counts);
+        let mut words = self.foreseen.words;
         for (n, group) in words.chunks_mut(GROUP).enumerate().filter(|(n, _)| lead >> n & 1 != 0) {
             let [which] = self.take()?;
             debug_assert!(n < GROUPS);
@@ -232,7 +257,7 @@ impl<'a> Steps<'a> {
                 *word = u32::from_le_bytes(self.take()?);
             }
         }
-        self.last = Some(Lead::new(&words));
+        self.foreseen.learn(&words);
         Some(words)
     }
 }
@@ -260,10 +285,13 @@ mod tests {
 
     fn pack(all: &[Words]) -> Vec<Vec<u8>> {
         let mut packer = Packer::new();
-        let mut blocks: Vec<Block> = all.iter().filter_map(|words| packer.note(words)).collect();
+        let mut blocks: Vec<Block> = Vec::new();
+        for words in all {
+            packer.note(words, |full| blocks.push(full.clone()));
+        }
         blocks.push(packer.finish());
-        let content = |mut block: Block| {
-            let bytes = *block.seal(0);
+        let content = |block: Block| {
+            let bytes = block.sealed(0);
             super::super::open(&bytes).expect("sealed").content.to_vec()
         };
         blocks.into_iter().map(content).collect()

@@ -12,29 +12,21 @@ pub(super) struct Parts {
     pub(super) image: PathBuf,
 }
 
-/// Builds them, once for each set of the image's features.
-pub(super) fn parts(features: Option<&'static str>) -> Result<Parts, EmulatorError> {
-    static PARTS: Mutex<Vec<(Option<&str>, Parts)>> = Mutex::new(Vec::new());
+/// Builds them, once.
+pub(super) fn parts() -> Result<Parts, EmulatorError> {
+    static PARTS: Mutex<Option<Parts>> = Mutex::new(None);
     let mut parts = PARTS.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some((_, known)) = parts.iter().find(|(known, _)| *known == features) {
+    if let Some(known) = &*parts {
         return Ok(known.clone());
     }
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     refuse_others(&workspace)?;
     let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace.join("target"), PathBuf::from);
     cargo(&workspace, "build --quiet --package emulator --release")?;
-    let added = features.map(|features| format!(" --features {features}")).unwrap_or_default();
-    cargo(
-        &workspace,
-        &format!("build --quiet --package firmware --profile image --target thumbv7em-none-eabihf{added}"),
-    )?;
-    // Each by a name of its own: all images are built into the same place.
-    let built = target.join("thumbv7em-none-eabihf/image/firmware");
-    let image = built.with_extension(features.unwrap_or("default"));
-    std::fs::copy(built, &image)?;
+    cargo(&workspace, "build --quiet --package firmware --profile image --target thumbv7em-none-eabihf")?;
+    let image = target.join("thumbv7em-none-eabihf/image/firmware");
     let built = Parts { emulator: target.join("release/emulator"), image };
-    parts.push((features, built.clone()));
-    Ok(built)
+    Ok(parts.insert(built).clone())
 }
 
 /// Refuses to watch an image of which this is not the twin.

@@ -45,7 +45,7 @@ mod tests {
         let block = |kind, number| {
             let mut block = Block::new(kind);
             block.put(&[7; 20]);
-            *block.seal(number)
+            block.sealed(number)
         };
         let (begin, step) = (block(Kind::Preamble, 0), block(Kind::Steps, 2));
         let torn = [b'Q'; BLOCK_BYTES];
