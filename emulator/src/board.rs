@@ -46,6 +46,8 @@ pub(crate) const SENSOR_FUNCTION: u32 = 4;
 pub(crate) const CARD: usize = 2;
 pub(crate) const CARD_PINS: [(usize, u32); 3] = [(1, 3), (1, 4), (1, 5)];
 pub(crate) const CARD_FUNCTION: u32 = 6;
+/// A card's fastest clock, Hz, in its default mode.
+const CARD_HZ_MAX: u64 = 25_000_000;
 pub(crate) const CARD_SELECT: (usize, u32) = (2, 14);
 /// The station's port, counted from zero, and its speed, bit/s.
 pub(crate) const STATION: usize = 2;
@@ -109,6 +111,14 @@ impl Board {
     pub(crate) fn set_field(&mut self, [forward, right, down]: [f32; 3], now: u64) {
         // Its x is forward, its y left, its z up.
         self.sensors.magnetometer.feel([forward, -right, -down], now);
+    }
+
+    /// The fastest clock that what is on a bus can take, Hz.
+    pub(crate) fn spi_hz_max(&self, spi: usize) -> u64 {
+        match spi {
+            0 => self.imu.spi_hz_max(),
+            _ => CARD_HZ_MAX,
+        }
     }
 
     /// Answers a word on a bus.

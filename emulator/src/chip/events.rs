@@ -88,6 +88,10 @@ impl Chip {
                 if n == board::CARD && !board::CARD_PINS.into_iter().all(muxed) {
                     self.fail("the card's bus is used without its pins".to_owned());
                 }
+                let (hz, hz_max) = (self.core_hz() / self.spi[n].bit_cycles(t), self.board.spi_hz_max(n));
+                if hz > hz_max {
+                    self.fail(format!("{unit} runs at {hz} Hz, what is on it can take {hz_max} Hz"));
+                }
                 let answer = self.board.exchange(n, self.spi[n].sent(), t.now);
                 if let Some(what) = self.board.card.unknown.take() {
                     self.fail(what);

@@ -40,6 +40,14 @@ impl Inertial {
         }
     }
 
+    /// As [`InertialUnit::spi_hz_max`]. The latter's registers but those of samples take 1 MHz, which is not looked at.
+    const fn spi_hz_max(self) -> u64 {
+        match self {
+            Self::Icm42688 => 24_000_000,
+            Self::Mpu6000 => 20_000_000,
+        }
+    }
+
     /// The register that says whether a sample is new, and the bit that does.
     const fn status(self) -> (u8, u8) {
         match self {
@@ -172,6 +180,11 @@ impl InertialUnit {
     pub(crate) fn select(&mut self, low: bool) {
         self.selected = low;
         self.transfer = None;
+    }
+
+    /// The fastest clock that it can be read with, Hz.
+    pub(crate) fn spi_hz_max(&self) -> u64 {
+        self.part.spi_hz_max()
     }
 
     /// One byte of a transfer.

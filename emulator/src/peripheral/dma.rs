@@ -3,6 +3,8 @@
 //! A beat is moved the moment it is asked for: neither the bus nor the FIFO delays it, which on the chip is some
 //! 10 cycles. Memory to memory, double buffers and unequal widths are not modelled and are refused.
 //!
+//! Bursts fill the FIFO earlier than single beats would, which is not modelled; those that cross a boundary of 1 KiB are refused.
+//!
 //! # Source
 //! RM0090, chapter 10.5 "DMA registers", tables 42 and 43 for the requests.
 use super::only;
@@ -191,7 +193,11 @@ impl Dma {
         if std::mem::take(&mut stream.told) {
             (stream.total, stream.memory) = (stream.ndtr, stream.m0ar);
         }
-        Some(())
+        // On the chip it is an error that no flag tells of.
+        let bytes = stream.ndtr << (stream.cr >> 13 & 3);
+        let burst = [1, 4, 8, 16][stream.cr as usize >> 23 & 3] << (stream.cr >> 13 & 3);
+        let mut bursts = (stream.memory..stream.memory + bytes).step_by(burst as usize);
+        bursts.all(|start| start / 1024 == (start + burst - 1) / 1024).then_some(())
     }
 
     /// Who asks for the beats of a stream, if it is on.
@@ -290,6 +296,22 @@ mod tests {
         dma.write(0x44, 4);
         dma.write(0x40, on);
         assert_eq!(dma.take(2).memory, 0x2000_0000, "told anew");
+    }
+
+    #[test]
+    fn bursts_that_cross_a_kibibyte_are_refused() {
+        let start = |address: u32| {
+            let mut dma = Dma::new(1);
+            // Stream 6, channel 2: the updates of TIM4, halfwords in bursts of four.
+            for (offset, value) in [(0xa4, 34), (0xa8, 0x4000_084c), (0xac, address)] {
+                dma.write(offset, value);
+            }
+            dma.write(0xa0, 2 << 25 | 1 << 23 | 1 << 13 | 1 << 11 | MINC | 1 << 6 | EN)
+        };
+        assert_eq!(start(0x2000_0000), Some(()));
+        assert_eq!(start(0x2000_03d8), Some(()), "to the boundary, and on");
+        assert_eq!(start(0x2000_03d4), None, "across it");
+        assert_eq!(start(0x2000_0004), Some(()), "near none");
     }
 
     #[test]

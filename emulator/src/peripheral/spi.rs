@@ -68,9 +68,14 @@ impl Spi {
     fn start(&mut self, t: Tick) {
         if self.sending.is_none() {
             let bits = if self.cr1 & 1 << 11 == 0 { 8 } else { 16 };
-            let cycles = bits * (2 << (self.cr1 >> 3 & 7)) * t.clock;
+            let cycles = bits * self.bit_cycles(t);
             self.sending = self.waiting.take().map(|word| (word, t.now + cycles));
         }
+    }
+
+    /// Core cycles that a bit takes.
+    pub(crate) fn bit_cycles(&self, t: Tick) -> u64 {
+        (2 << (self.cr1 >> 3 & 7)) * t.clock
     }
 
     /// When the word on the wire is through.

@@ -14,9 +14,12 @@ pub(crate) struct Bank<T: GeneralInstance4Channel, D: UpDma<T>, const N: usize> 
     timer: SimplePwm<'static, T>,
     dma: Peri<'static, D>,
     channels: [Channel; N],
-    /// A frame for each motor.
-    waveform: Waveform<N>,
+    waveform: Aligned<N>,
 }
+
+/// A frame for each motor. The stream reads it in bursts of 8 bytes, of which none may cross a boundary of 1 KiB (RM0090, 10.3.11).
+#[repr(align(8))]
+struct Aligned<const N: usize>(Waveform<N>);
 
 impl<T, D, const N: usize> Bank<T, D, N>
 where
@@ -26,7 +29,7 @@ where
 {
     /// Not connected yet.
     pub(super) fn new(timer: SimplePwm<'static, T>, dma: Peri<'static, D>, channels: [Channel; N]) -> Self {
-        Self { timer, dma, channels, waveform: [[0; N]; dshot::BITS] }
+        Self { timer, dma, channels, waveform: Aligned([[0; N]; dshot::BITS]) }
     }
 
     /// The timer's counts in one period, which are the counts of a DShot bit or of the time between pulses.
@@ -37,14 +40,14 @@ where
     /// Writes one DShot frame for each motor, in the order of the channels.
     pub(crate) fn write(&mut self, values: [dshot::Value; N], dialogue: Dialogue) {
         let counts = self.counts() as u16;
-        dshot::write(&mut self.waveform, values, dialogue, counts);
+        dshot::write(&mut self.waveform.0, values, dialogue, counts);
     }
 
     /// Sends them; returns when they are through.
     pub(crate) async fn send(&mut self) {
         let [Some(&first), Some(&last)] = [self.channels.first(), self.channels.last()] else { return };
         self.timer
-            .waveform_up_multi_channel(self.dma.reborrow(), Irqs, first, last, self.waveform.as_flattened())
+            .waveform_up_multi_channel(self.dma.reborrow(), Irqs, first, last, self.waveform.0.as_flattened())
             .await;
     }
 

@@ -12,7 +12,8 @@ use embassy_stm32::gpio::{AnyPin, Level, Output, Speed};
 use embassy_stm32::i2c;
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::mode::Async;
-use embassy_stm32::peripherals::{ADC1, USB_OTG_FS};
+use embassy_stm32::peripherals::{ADC1, SPI1, USB_OTG_FS};
+use embassy_stm32::rcc;
 use embassy_stm32::spi::{self, Spi};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, RingBufferedUartRx, UartRx, UartTx};
@@ -151,9 +152,11 @@ fn store(region: chosen::StoreRegion) -> Store {
 }
 
 /// How the inertial unit's bus is driven, at most at a speed, Hz.
-pub(crate) fn imu_bus_config(hz: u32) -> spi::Config {
+pub(crate) fn imu_bus_config(hz_max: u32) -> spi::Config {
     let mut bus = spi::Config::default();
-    bus.frequency = Hertz(hz);
+    // The driver takes the nearest power of two, which may be a faster one.
+    let clock_hz = rcc::frequency::<SPI1>().0;
+    bus.frequency = Hertz(clock_hz / clock_hz.div_ceil(hz_max).next_power_of_two());
     bus
 }
 
