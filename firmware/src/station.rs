@@ -54,12 +54,12 @@ static STORES: AtomicBool = AtomicBool::new(false);
 #[unsafe(link_section = ".uninit.pending")]
 static PENDING: Kept<2> = Kept::uninit();
 
-/// Notes whether a motor may turn. Only the control task calls this.
+/// Notes whether a motor may turn, right after that was decided. Only the control task calls this.
 pub(crate) fn note_motors(run: bool) {
     RUNS.store(run, Ordering::Relaxed);
 }
 
-/// Whether something is being stored, and nothing must arm.
+/// Whether something is being stored, and nothing must arm; to be asked right before that is decided.
 pub(crate) fn stores() -> bool {
     STORES.load(Ordering::Relaxed)
 }
@@ -199,7 +199,7 @@ fn set(place: usize, value: f32, store: &mut Store, parameters: &mut Parameters)
     let Some(declaration) = TABLE.get(place).filter(|_| wanted.set_at(place, value).is_ok()) else {
         return Outcome::OutOfRange;
     };
-    // In this order: control comes between only as a whole, so either it sees this, or this sees that it runs.
+    // In this order: control decides and says so without a pause, so either it has seen this, or this sees that it is armed.
     STORES.store(true, Ordering::SeqCst);
     if RUNS.load(Ordering::SeqCst) {
         return Outcome::Armed;

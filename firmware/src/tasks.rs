@@ -170,7 +170,7 @@ async fn control(
         let (time_us, started) = (now_us(), DWT::cycle_count());
         let sample = imu.read().await;
         let armed = flight.helm().decision().is_some_and(|decision| decision.armed);
-        let arrived = Arrived {
+        let mut arrived = Arrived {
             measurements: Measurements {
                 imu: sample.map(|value| Stamped { time_us, value }),
                 battery_v: BATTERY_V.try_take(),
@@ -191,10 +191,13 @@ async fn control(
             parameters_valid,
         };
         let command = flight.act(time_us, &arrived);
-        station::note_motors(command != Command::Stop);
         motors.write(command).await;
         let told = DWT::cycle_count().wrapping_sub(started);
+        // Meanwhile the station may have begun.
+        arrived.self_test_passed &= !station::stores();
         flight.decide(time_us, &arrived);
+        let armed = flight.helm().decision().is_some_and(|decision| decision.armed);
+        station::note_motors(armed || command != Command::Stop);
         number = number.wrapping_add(1);
         let record = Record { step: number, time_us, arrived, command };
         let words = record.to_words();
