@@ -32,7 +32,7 @@ pub struct Snapshot {
 /// How a step went.
 #[derive(Clone, Copy, Debug)]
 pub struct Pass {
-    /// From data ready to the motor frames sent, µs.
+    /// From data ready to its end, µs.
     pub took_us: u64,
     /// Whether it ended late.
     pub late: bool,

@@ -31,7 +31,7 @@ pub struct Status {
     pub steps: u32,
     /// Of these, how many ended when the next one was already due.
     pub late: u32,
-    /// Share of the time since the last status that steps took, from data ready to the motor frames sent.
+    /// Share of the time since the last status that steps took, from data ready to their ends.
     pub load: f32,
     /// The longest of them, µs.
     pub step_us_max: u32,

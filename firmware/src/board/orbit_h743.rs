@@ -23,10 +23,15 @@
 //!
 //! The data cache stays off, and RAM is the AXI memory that DMA reaches (`memory_h743.x`).
 //!
+//! Two revisions have been published under this name, and this is the first. On the later one the motors are on PA0 to PA3, the buzzer on
+//! PB7, barometer and magnetometer on PB8 and PB9, the inertial unit's data ready on PE10: this image would send DShot to the buzzer and the
+//! barometer. Its motors' timers have 32 bits, which [`Bank`] does not serve.
+//!
 //! # Source
-//! Betaflight's `configs/ORBITH743/config.h`, repository `betaflight/config`: MOTOR1_PIN to MOTOR4_PIN, GYRO_1_*,
+//! Betaflight's `configs/ORBITH743/config.h` in the maker's repository `orbittechnologyx/config`, commit 8f3614a: MOTOR1_PIN to MOTOR4_PIN, GYRO_1_*,
 //! UART1_*, UART2_RX_PIN, I2C4_*, BARO_I2C_INSTANCE, UART6_*, UART7_RX_PIN, ADC_VBAT_PIN, LED0_PIN, BEEPER_PIN, BEEPER_INVERTED. It names no ports for receivers
-//! and vision: which are taken is ours. Crystal and divider are Betaflight's defaults, which the file leaves.
+//! and vision: which are taken is ours. Crystal and divider are Betaflight's defaults, which the file leaves. The later revision:
+//! the same file at 19bcab5, and ArduPilot's `hwdef/ORBITH743`, whose divider is 10.1.
 use core::ops::Range;
 
 use embassy_embedded_hal::adapter::BlockingAsync;
