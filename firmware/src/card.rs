@@ -78,6 +78,7 @@ pub(crate) struct Slot {
 }
 
 impl Slot {
+    #[cfg_attr(not(feature = "speedybee-f405-v4"), expect(dead_code, reason = "no other board has a slot"))]
     pub(crate) fn new(bus: Bus, select: Output<'static>) -> Self {
         Self { bus, select, empty: false }
     }

@@ -140,9 +140,7 @@ pub(crate) fn start(spawner: Spawner) {
     let buffer = singleton!(: [u8; STATION_BYTES] = [0; STATION_BYTES]).expect("start runs once");
     spawner.spawn(line::hear(hear.into_ring_buffered(buffer)).expect("hear is started once"));
     spawner.spawn(line::speak(say).expect("speak is started once"));
-    if board::SERVES_USB {
-        spawner.spawn(usb::serve(usb).expect("serve is started once"));
-    }
+    spawner.spawn(usb::serve(usb).expect("serve is started once"));
     spawner.spawn(station::converse(store, loaded.parameters).expect("converse is started once"));
     spawner.spawn(measure_battery(battery).expect("measure_battery is started once"));
     spawner.spawn(sound(buzzer).expect("sound is started once"));

@@ -65,8 +65,6 @@ use crate::motors::Protocol;
 
 /// The board's name, for the log.
 pub(crate) const NAME: &str = "Foxeer F722 V4";
-/// Whether the station may come by USB: its 25 kB are more than the flash has beside the parameters' half.
-pub(crate) const SERVES_USB: bool = false;
 /// Whether there is a slot for a card, for the flight log.
 pub(crate) const HAS_SLOT: bool = false;
 /// What the speed controllers are sent.

@@ -45,8 +45,8 @@ use speedybee_f405_v4 as chosen;
 pub(crate) use ear::heard;
 
 pub(crate) use chosen::{
-    BATTERY_DIVIDER, HAS_SLOT, IMU_MOUNT, MotorEar, MotorPins, NAME, PROTOCOL, SERVES_USB, STATUS_ON, SensorBus,
-    SensorPins, init, start_control_executor,
+    BATTERY_DIVIDER, HAS_SLOT, IMU_MOUNT, MotorEar, MotorPins, NAME, PROTOCOL, STATUS_ON, SensorBus, SensorPins, init,
+    start_control_executor,
 };
 
 /// Time without a step that was done in time after which the watchdog resets the chip, µs.

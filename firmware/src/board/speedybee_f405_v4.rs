@@ -66,8 +66,6 @@ use crate::motors::Protocol;
 
 /// The board's name, for the log.
 pub(crate) const NAME: &str = "SpeedyBee F405 V4";
-/// Whether the station may come by USB.
-pub(crate) const SERVES_USB: bool = true;
 /// Whether there is a slot for a card, for the flight log.
 pub(crate) const HAS_SLOT: bool = true;
 /// What the speed controllers are sent.
