@@ -156,7 +156,8 @@ pub(crate) fn imu_bus_config(hz_max: u32) -> spi::Config {
     let mut bus = spi::Config::default();
     // The driver takes the nearest power of two, which may be a faster one.
     let clock_hz = rcc::frequency::<SPI1>().0;
-    bus.frequency = Hertz(clock_hz / clock_hz.div_ceil(hz_max).next_power_of_two());
+    let slower_hz = (1..8).map(|halvings| clock_hz >> halvings).find(|&hz| hz <= hz_max);
+    bus.frequency = Hertz(slower_hz.unwrap_or(clock_hz >> 8));
     bus
 }
 
