@@ -117,7 +117,8 @@ impl Board {
     pub(crate) fn spi_hz_max(&self, spi: usize) -> u64 {
         match spi {
             0 => self.imu.spi_hz_max(),
-            _ => CARD_HZ_MAX,
+            CARD => CARD_HZ_MAX,
+            _ => u64::MAX,
         }
     }
 
