@@ -56,7 +56,8 @@ pub(crate) const STATION_BAUD: u32 = 115_200;
 pub(crate) const MOTORS: [(usize, usize, (usize, u32)); 4] =
     [(4, 0, (1, 6)), (4, 1, (1, 7)), (3, 2, (1, 0)), (3, 3, (1, 1))];
 pub(crate) const MOTOR_FUNCTION: u32 = 2;
-const BATTERY_CHANNEL: u32 = 10;
+/// The converter's channel, and port and pin, of the battery's voltage.
+const VOLTAGE: (u32, (usize, u32)) = (10, (2, 0));
 const BATTERY_DIVIDER: f32 = 11.0;
 const REFERENCE_V: f32 = 3.3;
 
@@ -146,10 +147,11 @@ impl Board {
         }
     }
 
-    /// What the converter reads, 12 bits.
-    pub(crate) fn convert(&self, channel: u32) -> u32 {
-        let volts = if channel == BATTERY_CHANNEL { self.battery_v / BATTERY_DIVIDER } else { 0.0 };
-        (volts / REFERENCE_V * 4_095.0).round().clamp(0.0, 4_095.0) as u32
+    /// What the converter reads of a channel, 12 bits, and the pin it is on, if something is.
+    pub(crate) fn convert(&self, channel: u32) -> Option<((usize, u32), u32)> {
+        let (_, pin) = Some(VOLTAGE).filter(|line| line.0 == channel)?;
+        let volts = self.battery_v / BATTERY_DIVIDER;
+        Some((pin, (volts / REFERENCE_V * 4_095.0).round().clamp(0.0, 4_095.0) as u32))
     }
 
     /// What each speed controller was told last: a DShot value, or microseconds of a pulse.

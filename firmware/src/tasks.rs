@@ -28,7 +28,7 @@ use heapless::spsc::{Consumer, Producer, Queue};
 
 use crate::black_box;
 use crate::board::{
-    self, BATTERY_DIVIDER, BUFFERS, Battery, Board, Buffers, HAS_SLOT, Radio, STATUS_ON, Status, Watchdog,
+    self, BATTERY_DIVIDER, BUFFERS, Board, Buffers, Gauge, HAS_SLOT, Radio, STATUS_ON, Status, Watchdog,
 };
 use crate::fault;
 use crate::gnss::{GNSS, locate};
@@ -264,11 +264,13 @@ async fn listen(mut radio: Radio) -> ! {
 
 /// Measures the battery.
 #[embassy_executor::task]
-async fn measure_battery(mut battery: Battery) -> ! {
+async fn measure_battery(mut battery: Gauge) -> ! {
     let mut ticker = Ticker::every(Duration::from_hz(BATTERY_HZ));
     loop {
         ticker.next().await;
-        BATTERY_V.signal(Stamped { time_us: now_us(), value: volts(battery.counts(), BATTERY_DIVIDER) });
+        if let Some([voltage]) = battery.read().await {
+            BATTERY_V.signal(Stamped { time_us: now_us(), value: volts(voltage, BATTERY_DIVIDER) });
+        }
     }
 }
 

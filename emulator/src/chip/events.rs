@@ -125,8 +125,12 @@ impl Chip {
                 }
             }
             Unit::Adc => {
-                let value = self.board.convert(self.adc.due());
-                self.adc.converted(value, t);
+                let channel = self.adc.due();
+                let read = self.board.convert(channel);
+                match read.filter(|&((port, pin), _)| self.gpio[port].mode(pin) == Mode::Analog) {
+                    Some((_, value)) => self.adc.converted(value, t),
+                    None => self.fail(format!("{unit} reads channel {channel}, which has no line or no analog pin")),
+                }
             }
             Unit::Otg => self.otg.event(),
             Unit::Board => {

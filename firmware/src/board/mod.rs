@@ -6,13 +6,12 @@ use core::mem::forget;
 
 use embassy_embedded_hal::adapter::BlockingAsync;
 use embassy_stm32::Peri;
-use embassy_stm32::adc::{Adc, AnyAdcChannel};
 use embassy_stm32::exti::ExtiInput;
 use embassy_stm32::gpio::{AnyPin, Level, Output, Speed};
 use embassy_stm32::i2c;
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::mode::Async;
-use embassy_stm32::peripherals::{ADC1, SPI1, USB_OTG_FS};
+use embassy_stm32::peripherals::{SPI1, USB_OTG_FS};
 use embassy_stm32::rcc;
 use embassy_stm32::spi::{self, Spi};
 use embassy_stm32::time::Hertz;
@@ -27,6 +26,7 @@ use crate::gnss;
 
 mod bank;
 mod ear;
+mod gauge;
 
 #[cfg(feature = "foxeer-f722-v4")]
 mod foxeer_f722_v4;
@@ -43,6 +43,7 @@ use orbit_h743 as chosen;
 use speedybee_f405_v4 as chosen;
 
 pub(crate) use ear::heard;
+pub(crate) use gauge::Gauge;
 
 pub(crate) use chosen::{
     BATTERY_DIVIDER, HAS_SLOT, IMU_MOUNT, MotorEar, MotorPins, NAME, PROTOCOL, STATUS_ON, SensorBus, SensorPins, init,
@@ -86,8 +87,8 @@ pub(crate) struct Board {
     pub(crate) store: Store,
     /// The slot for a card, if it has one.
     pub(crate) card: Option<Slot>,
-    /// The battery's voltage.
-    pub(crate) battery: Battery,
+    /// The battery's lines.
+    pub(crate) battery: Gauge,
     /// The status LED.
     pub(crate) status: Status,
     /// The buzzer, which sounds while this is high.
@@ -129,19 +130,6 @@ pub(crate) struct Buffers {
 
 /// Empty ones.
 pub(crate) const BUFFERS: Buffers = Buffers { radio: [0; 208], gnss: [0; 256], vision: [0; 256], usb: [0; 128] };
-
-/// The battery's channel of the converter.
-pub(crate) struct Battery {
-    converter: Adc<'static, ADC1>,
-    channel: AnyAdcChannel<'static, ADC1>,
-}
-
-impl Battery {
-    /// Measures, which takes some 25 µs; 12 bits.
-    pub(crate) fn counts(&mut self) -> u16 {
-        self.converter.blocking_read(&mut self.channel, chosen::BATTERY_SAMPLE) >> chosen::BATTERY_BITS_BEYOND_12
-    }
-}
 
 /// Where parameters are stored.
 ///

@@ -12,7 +12,7 @@
 //! | vision           | PE7                      | UART7; DMA1 stream 2                                |
 //! | station          | PB14, PB15               | USART1; DMA2 streams 7 and 5                        |
 //! | USB              | PA11, PA12               | OTG_FS                                              |
-//! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11                     |
+//! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11; DMA2 stream 2      |
 //! | status LED       | PE3, low is on           | GPIO                                                |
 //! | buzzer           | PC15, high sounds     | GPIO                                                |
 //! | parameters       | none                     | the last two sectors of flash                       |
@@ -35,7 +35,7 @@
 use core::ops::Range;
 
 use embassy_embedded_hal::adapter::BlockingAsync;
-use embassy_stm32::adc::{Adc, AdcChannel, SampleTime};
+use embassy_stm32::adc::{Adc, SampleTime};
 use embassy_stm32::exti::{self, ExtiInput};
 use embassy_stm32::flash::{Bank2Region, Blocking as StoreMode, Flash};
 use embassy_stm32::gpio::{AnyPin, Level, Output, OutputType, Pull, Speed};
@@ -43,8 +43,8 @@ use embassy_stm32::i2c::{self, I2c};
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::peripherals::USB_OTG_FS;
 use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH1, DMA1_CH2, DMA1_CH5, DMA1_CH6, DMA2_CH0, DMA2_CH3};
-use embassy_stm32::peripherals::{DMA2_CH1, DMA2_CH5, DMA2_CH7, USART1};
-use embassy_stm32::peripherals::{I2C4, IWDG1, PD12, PD13, TIM1, TIM4, UART7, USART2, USART6};
+use embassy_stm32::peripherals::{DMA2_CH1, DMA2_CH2, DMA2_CH5, DMA2_CH7, USART1};
+use embassy_stm32::peripherals::{I2C4, IWDG1, PC0, PD12, PD13, TIM1, TIM4, UART7, USART2, USART6};
 use embassy_stm32::spi::Spi;
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::Channel::{Ch1, Ch2, Ch3, Ch4};
@@ -61,9 +61,10 @@ use firmware::{crsf, mpu6000, pose, ubx};
 
 use super::bank::Bank;
 use super::ear::Ear;
+use super::gauge::Gauge;
 use super::{
-    Battery, Board, Buffers, STATION_BAUD, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensors_config,
-    store, usb_config,
+    Board, Buffers, STATION_BAUD, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensors_config, store,
+    usb_config,
 };
 use crate::gnss;
 use crate::motors::Protocol;
@@ -76,10 +77,14 @@ pub(crate) const HAS_SLOT: bool = false;
 pub(crate) const PROTOCOL: Protocol = Protocol::DShot600;
 /// Battery voltage over pin voltage.
 pub(crate) const BATTERY_DIVIDER: f32 = 11.0;
-/// Time in which the battery's voltage is sampled.
-pub(super) const BATTERY_SAMPLE: SampleTime = SampleTime::CYCLES810_5;
-/// Bits of a conversion below its upper 12.
-pub(super) const BATTERY_BITS_BEYOND_12: u32 = 4;
+/// Time in which a line of the battery is sampled.
+pub(super) const LINE_SAMPLE: SampleTime = SampleTime::CYCLES810_5;
+/// The converter's counts at its reference.
+pub(super) const FULL_SCALE: f32 = 65_535.0;
+/// The pin of the battery's voltage.
+pub(super) type VoltagePin = PC0;
+/// What moves the counts.
+pub(super) type GaugeStream = DMA2_CH2;
 /// Forward is the part's y, right its x, down against its z: it is turned by 90° clockwise, seen from above.
 pub(crate) const IMU_MOUNT: Mount = [(1, false), (0, false), (2, true)];
 /// The status LED is on when its pin is low.
@@ -105,6 +110,7 @@ bind_interrupts!(pub(crate) struct Irqs {
     DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
     DMA2_STREAM0 => dma::InterruptHandler<DMA2_CH0>;
     DMA2_STREAM1 => dma::InterruptHandler<DMA2_CH1>;
+    DMA2_STREAM2 => dma::InterruptHandler<DMA2_CH2>;
     DMA2_STREAM3 => dma::InterruptHandler<DMA2_CH3>;
     DMA2_STREAM7 => dma::InterruptHandler<DMA2_CH7>;
     DMA2_STREAM5 => dma::InterruptHandler<DMA2_CH5>;
@@ -206,7 +212,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
         usb: usb::Driver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, &mut buffers.usb, usb_config()),
         store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank2_region),
         card: None,
-        battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
+        battery: Gauge { converter: Adc::new(p.ADC1), voltage: p.PC0, stream: p.DMA2_CH2 },
         status: Output::new(p.PE3, Level::High, Speed::Low),
         buzzer: Output::new(p.PC15, Level::Low, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG1, WATCHDOG_US),

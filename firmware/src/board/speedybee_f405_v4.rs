@@ -15,7 +15,7 @@
 //! | station          | PC10, PC11               | USART3; DMA1 streams 3 and 1                        |
 //! | USB              | PA11, PA12               | OTG_FS                                              |
 //! | microSD card     | PC14, PB3 … PB5          | SPI3; DMA1 streams 7 and 0, in turn with I2C1       |
-//! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11                     |
+//! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11; DMA2 stream 4      |
 //! | status LED       | PC13, low is on          | GPIO                                                |
 //! | buzzer           | PC15, high sounds     | GPIO                                                |
 //! | parameters       | none                     | the last two sectors of flash                       |
@@ -31,7 +31,7 @@
 //! which of the free ports is for what is ours.
 use core::ops::Range;
 
-use embassy_stm32::adc::{Adc, AdcChannel, SampleTime};
+use embassy_stm32::adc::SampleTime;
 use embassy_stm32::exti::{self, ExtiInput};
 use embassy_stm32::flash::{Bank1Region3, Blocking as StoreMode, Flash};
 use embassy_stm32::gpio::{AnyPin, Level, Output, OutputType, Pull, Speed};
@@ -39,8 +39,8 @@ use embassy_stm32::i2c::{self, I2c};
 use embassy_stm32::peripherals::USB_OTG_FS;
 use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH2, DMA1_CH5, DMA1_CH6, DMA1_CH7};
 use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH3, USART3};
-use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH1, DMA2_CH2, DMA2_CH3, DMA2_CH5, DMA2_CH6};
-use embassy_stm32::peripherals::{I2C1, IWDG, PB8, PB9, TIM1, TIM3, TIM4, USART1, USART2, USART6};
+use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH1, DMA2_CH2, DMA2_CH3, DMA2_CH4, DMA2_CH5, DMA2_CH6};
+use embassy_stm32::peripherals::{I2C1, IWDG, PB8, PB9, PC0, TIM1, TIM3, TIM4, USART1, USART2, USART6};
 use embassy_stm32::spi::Spi;
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::Channel::{Ch1, Ch2, Ch3, Ch4};
@@ -56,9 +56,10 @@ use firmware::{crsf, mpu6000, pose, ubx};
 
 use super::bank::Bank;
 use super::ear::Ear;
+use super::gauge::Gauge;
 use super::{
-    Battery, Board, Buffers, STATION_BAUD, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensor_bus,
-    store, usb_config,
+    Board, Buffers, STATION_BAUD, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensor_bus, store,
+    usb_config,
 };
 use crate::card::Slot;
 use crate::gnss;
@@ -72,10 +73,14 @@ pub(crate) const HAS_SLOT: bool = true;
 pub(crate) const PROTOCOL: Protocol = Protocol::DShot600;
 /// Battery voltage over pin voltage.
 pub(crate) const BATTERY_DIVIDER: f32 = 11.0;
-/// Time in which the battery's voltage is sampled.
-pub(super) const BATTERY_SAMPLE: SampleTime = SampleTime::CYCLES480;
-/// Bits of a conversion below its upper 12.
-pub(super) const BATTERY_BITS_BEYOND_12: u32 = 0;
+/// Time in which a line of the battery is sampled.
+pub(super) const LINE_SAMPLE: SampleTime = SampleTime::CYCLES480;
+/// The converter's counts at its reference.
+pub(super) const FULL_SCALE: f32 = 4_095.0;
+/// The pin of the battery's voltage.
+pub(super) type VoltagePin = PC0;
+/// What moves the counts.
+pub(super) type GaugeStream = DMA2_CH4;
 /// Forward is the part's y, right its x, down against its z: it is turned by 90° clockwise, seen from above.
 pub(crate) const IMU_MOUNT: Mount = [(1, false), (0, false), (2, true)];
 /// The status LED is on when its pin is low.
@@ -105,6 +110,7 @@ bind_interrupts!(pub(crate) struct Irqs {
     DMA2_STREAM1 => dma::InterruptHandler<DMA2_CH1>;
     DMA2_STREAM2 => dma::InterruptHandler<DMA2_CH2>;
     DMA2_STREAM3 => dma::InterruptHandler<DMA2_CH3>;
+    DMA2_STREAM4 => dma::InterruptHandler<DMA2_CH4>;
     DMA2_STREAM5 => dma::InterruptHandler<DMA2_CH5>;
     DMA2_STREAM6 => dma::InterruptHandler<DMA2_CH6>;
     DMA1_STREAM3 => dma::InterruptHandler<DMA1_CH3>;
@@ -203,7 +209,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
             let bus = Spi::new(p.SPI3, p.PB3, p.PB5, p.PB4, to, from, Irqs, embassy_stm32::spi::Config::default());
             Some(Slot::new(bus, Output::new(p.PC14, Level::High, Speed::Low)))
         },
-        battery: Battery { converter: Adc::new(p.ADC1), channel: p.PC0.degrade_adc() },
+        battery: Gauge { converter: p.ADC1, voltage: p.PC0, stream: p.DMA2_CH4 },
         status: Output::new(p.PC13, Level::High, Speed::Low),
         buzzer: Output::new(p.PC15, Level::Low, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG, WATCHDOG_US),
