@@ -305,7 +305,7 @@ fn what_the_image_cannot_fly_is_refused_by_name() {
     let through = ["--through", "emulator"];
     for (command, scenario, said) in [
         ("fly", "flight", "scenarios/flight.toml: autopilot = nothing: must be a table"),
-        ("fly", "sorties/control_loop_late", "scenarios/sorties/control_loop_late.toml: event["),
+        ("fly", "sorties/offboard_stale", "scenarios/sorties/offboard_stale.toml: event["),
         ("fly", "sorties/arming_pilot", "scenarios/sorties/arming_pilot.toml: "),
         ("compare", "image/hop_by_hand", "controllers = pid: must be `default` alone"),
     ] {

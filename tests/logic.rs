@@ -165,7 +165,7 @@ fn modes_fall_back_to_what_the_estimate_allows_and_come_back() {
 #[test]
 fn every_failing_check_is_named_and_nothing_turns() {
     type Spoil = fn(&mut Rig);
-    let rows: [(Check, Spoil); 12] = [
+    let rows: [(Check, Spoil); 13] = [
         (Check::Link, |rig| rig.link = false),
         (Check::Throttle, |rig| rig.pilot.sticks.throttle = 0.4),
         (Check::Mode, |rig| rig.pilot.mode = Mode::Return),
@@ -181,6 +181,7 @@ fn every_failing_check_is_named_and_nothing_turns() {
             let order = MotorTestOrder { rotor: Some(0), share: 0.0, seconds: 9.0 };
             assert!(rig.autopilot.order(&mut rig.state, &BenchOrder::Motors(order)));
         }),
+        (Check::Late, |rig| rig.system.late = true),
     ];
     assert!(rows.iter().map(|(check, _)| *check).eq(Check::ALL.iter().copied()), "every check is flown");
     for (check, spoil) in rows {

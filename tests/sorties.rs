@@ -167,7 +167,7 @@ fn no_failsafe_is_without_a_sortie() {
 }
 
 /// Each check, the sortie in which the arm switch is thrown against it, and when, s.
-const REFUSED: [(Check, &str, f64); 12] = [
+const REFUSED: [(Check, &str, f64); 13] = [
     (Check::Link, "arming_pilot", 16.0),
     (Check::Throttle, "arming_pilot", 1.5),
     (Check::Mode, "arming_pilot", 2.5),
@@ -180,6 +180,7 @@ const REFUSED: [(Check, &str, f64); 12] = [
     (Check::Battery, "arming_machine", 10.5),
     (Check::Motors, "arming_pilot", 6.5),
     (Check::Bench, "arming_pilot", 7.3),
+    (Check::Late, "arming_machine", 12.5),
 ];
 
 #[test]

@@ -69,6 +69,7 @@ checks! {
     Battery "the battery is low, or not measured", |f, l| !l.has_battery || f.cell_v.is_some_and(|v| v > l.cell_low_v);
     Motors "the wiring check has not passed", |f, l| !l.motors || f.wiring_passed;
     Bench "a test on the bench is running", |f, _| !f.on_bench;
+    Late "the control loop is late", |f, _| !f.late;
 }
 
 /// Everything the checks look at, sampled once per tick.
@@ -99,6 +100,8 @@ pub struct Facts {
     pub wiring_passed: bool,
     /// Whether the bench has the motors.
     pub on_bench: bool,
+    /// Whether the last step came late.
+    pub late: bool,
 }
 
 /// What the checks compare with.
@@ -211,6 +214,7 @@ mod tests {
             cell_v: Some(4.0),
             wiring_passed: true,
             on_bench: false,
+            late: false,
         }
     }
 
@@ -226,7 +230,7 @@ mod tests {
     fn every_check_fails_alone_and_says_why() {
         assert!(good().failing(&limits()).is_empty());
         let leaning = Vec3::new(GRAVITY_M_S2 * 0.5, 0.0, -GRAVITY_M_S2 * 0.866);
-        let cases: [(Check, Facts); 21] = [
+        let cases: [(Check, Facts); 22] = [
             (Check::Link, Facts { link_age_s: 0.6, ..good() }),
             (Check::Link, Facts { link_age_s: f32::INFINITY, ..good() }),
             (Check::Link, Facts { link_age_s: f32::NAN, ..good() }),
@@ -248,6 +252,7 @@ mod tests {
             (Check::Battery, Facts { cell_v: None, ..good() }),
             (Check::Motors, Facts { wiring_passed: false, ..good() }),
             (Check::Bench, Facts { on_bench: true, ..good() }),
+            (Check::Late, Facts { late: true, ..good() }),
         ];
         for (check, facts) in cases {
             assert!(facts.failing(&limits()).iter().eq([check]), "{check}: {facts:?}");

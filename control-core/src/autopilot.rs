@@ -336,6 +336,7 @@ impl Autopilot {
             cell_v,
             wiring_passed: state.wiring == Some(Ok(())),
             on_bench: !matches!(state.bench, Bench::Nothing),
+            late: step.system.late,
         };
         facts.failing(&self.arming)
     }

@@ -41,6 +41,7 @@
 //! | `x`     | u32 bytes of why the run has ended, and those, UTF-8; nothing follows                              |
 use crate::{Busy, Failure, Fix, Health, Image, Inertial, Line, Log, Machine, Part, Task, Telemetry};
 use flight_link::VisionPose;
+use std::collections::VecDeque;
 use std::io::{self, ErrorKind, Read, Write};
 use std::path::Path;
 
@@ -51,13 +52,46 @@ const BOOT_MAX: u64 = 5 * 168_000_000;
 /// The image's record of its last step, a sequence number before it.
 const RECORD: &str = "LAST_STEP";
 
+/// The records of the image's steps. One that ends just before its period does is followed by the next within the next period.
+struct Records {
+    address: u32,
+    bytes: usize,
+    /// The last that was seen.
+    last: Vec<u8>,
+    /// Those that the other side has not been told of.
+    waiting: VecDeque<Vec<u8>>,
+}
+
+impl Records {
+    fn of(image: &Image) -> Result<Self, Failure> {
+        let (address, bytes) = image.variable(RECORD)?;
+        Ok(Self { address, bytes, last: Vec::new(), waiting: VecDeque::new() })
+    }
+
+    /// Looks for a new one.
+    fn look(&mut self, machine: &Machine) -> Result<(), Failure> {
+        let record = machine.memory(self.address, self.bytes)?;
+        let whole = record.first().is_some_and(|sequence| sequence.is_multiple_of(2));
+        if whole && record != self.last {
+            self.last.clone_from(&record);
+            self.waiting.push_back(record);
+        }
+        Ok(())
+    }
+
+    /// The oldest that the other side has not been told of, or else the last.
+    fn take(&mut self, machine: &Machine) -> Result<Vec<u8>, Failure> {
+        self.waiting.pop_front().map_or_else(|| machine.memory(self.address, self.bytes), Ok)
+    }
+}
+
 /// Serves a program until it ends its side, and watches these tasks.
 ///
 /// # Errors
 /// If the pipe breaks, or a message is none. What the image does wrong goes to the other side.
 pub fn serve(image: &Image, tasks: &[Task], mut input: impl Read, mut output: impl Write) -> io::Result<()> {
-    let start = || Ok((Machine::new(image)?.watching(tasks), Log::new(image)?, image.variable(RECORD)?));
-    let (mut machine, mut log, record) = match start() {
+    let start = || Ok((Machine::new(image)?.watching(tasks), Log::new(image)?, Records::of(image)?));
+    let (mut machine, mut log, mut records) = match start() {
         Ok(parts) => parts,
         Err(failure) => return refuse(&mut output, &failure),
     };
@@ -86,6 +120,7 @@ pub fn serve(image: &Image, tasks: &[Task], mut input: impl Read, mut output: im
                 let [part] = bytes(&mut input)?;
                 machine.solder(known(&[Inertial::Icm42688, Inertial::Mpu6000], part, "inertial unit")?);
             }
+            b's' => machine.slow_down(number(&mut input)?),
             b'z' => output.write_all(&[b'z', machine.sounds().into()])?,
             b'r' => machine.turn_rotors(floats(&mut input)?),
             b'q' => {
@@ -144,7 +179,7 @@ pub fn serve(image: &Image, tasks: &[Task], mut input: impl Read, mut output: im
                 Ok(answer) => output.write_all(&answer)?,
                 Err(failure) => return refuse(&mut output, &failure),
             },
-            b'n' => match step(&mut machine, &mut log, record) {
+            b'n' => match step(&mut machine, &mut log, &mut records) {
                 Ok(answer) => output.write_all(&answer)?,
                 Err(failure) => return refuse(&mut output, &failure),
             },
@@ -200,12 +235,15 @@ fn refuse(output: &mut impl Write, failure: &Failure) -> io::Result<()> {
 }
 
 /// Runs one period; returns the answer.
-fn step(machine: &mut Machine, log: &mut Log, record: (u32, usize)) -> Result<Vec<u8>, Failure> {
+fn step(machine: &mut Machine, log: &mut Log, records: &mut Records) -> Result<Vec<u8>, Failure> {
     let until = match machine.next_sample() {
         Some(sample) => sample + machine.sample_period() - BEFORE_SAMPLE,
         None => boot(machine)?,
     };
+    machine.run_until(until.saturating_sub(machine.sample_period() / 2))?;
+    records.look(machine)?;
     machine.run_until(until)?;
+    records.look(machine)?;
     let (load, motors) = (machine.load(), machine.motors());
     let mut answer = vec![b's'];
     for number in [load.cycles, load.busy, motors.latency_max] {
@@ -217,9 +255,9 @@ fn step(machine: &mut Machine, log: &mut Log, record: (u32, usize)) -> Result<Ve
     for good in motors.good {
         answer.extend(good.to_le_bytes());
     }
-    let (address, length) = record;
-    answer.extend((length as u32 / 4).to_le_bytes());
-    answer.extend(machine.memory(address, length)?);
+    let record = records.take(machine)?;
+    answer.extend((record.len() as u32 / 4).to_le_bytes());
+    answer.extend(record);
     // Writing to a vector cannot fail.
     let _ = text(&mut answer, &log.lines(machine)?.join("\n"));
     Ok(answer)

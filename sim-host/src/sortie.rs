@@ -48,6 +48,11 @@ impl<'a> Outside<'a> {
         check_wiring.then_some(BenchOrder::Wiring)
     }
 
+    /// Whether each control step comes late.
+    pub(crate) fn is_late(&self) -> bool {
+        self.now.late == Some(true)
+    }
+
     /// What the pilot says, if he is heard.
     pub(crate) fn pilot(&self) -> Option<PilotInput> {
         (self.now.link != Some(false)).then(|| self.now.pilot())
@@ -70,7 +75,7 @@ impl<'a> Outside<'a> {
             pilot: self.pilot().map(|value| Stamped { time_us: now_us, value }),
             offboard: (now.offboard == Some(true)).then_some(Stamped { time_us: now_us, value: setpoint }),
             bench,
-            late: now.late == Some(true),
+            late: self.is_late(),
             self_test_passed: now.self_test_passed != Some(false),
             parameters_valid: now.parameters_valid != Some(false),
         }

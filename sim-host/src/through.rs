@@ -227,6 +227,7 @@ impl Image {
     ) -> Result<Answer, ThroughError> {
         let measurements = suite.sample(&World { t_s, ..*world });
         self.said.measure(&mut self.emulator, t_s, &measurements);
+        self.said.late(&mut self.emulator, outside.is_late());
         self.said.pilot(&mut self.emulator, outside.pilot());
         let answer = self.emulator.period()?;
         if let Some(record) = &answer.record {

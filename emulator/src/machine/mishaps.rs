@@ -54,6 +54,11 @@ impl Machine {
         self.state.borrow_mut().chip.board.gnss.refusals = times;
     }
 
+    /// From now on all that the core does takes so many percent of the cycles that it should: whatever it is that steals its time.
+    pub fn slow_down(&mut self, percent: u32) {
+        self.state.borrow_mut().slowness_percent = percent.into();
+    }
+
     /// Cuts power now, and switches it on again.
     pub fn cut_power(&mut self) {
         self.state.borrow_mut().chip.reset = Some(PORRSTF | BORRSTF);

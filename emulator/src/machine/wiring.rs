@@ -36,6 +36,8 @@ pub(super) struct State {
     pub(super) open: Option<Open>,
     pub(super) instructions: u64,
     pub(super) busy: u64,
+    /// How many times the cycles that it should take the core takes for everything, in percent.
+    pub(super) slowness_percent: u64,
     /// When to stop.
     pub(super) until: u64,
     /// Whether the CPU was stopped between two blocks, by this model.
@@ -63,6 +65,7 @@ impl State {
             open: None,
             instructions: 0,
             busy: 0,
+            slowness_percent: 100,
             until: 0,
             stopped: false,
             event: false,
@@ -115,6 +118,7 @@ impl State {
 
     /// Lets the core be busy for some cycles.
     pub(super) fn charge(&mut self, cycles: u64, memory: &mut dyn Memory) {
+        let cycles = if self.slowness_percent == 100 { cycles } else { cycles * self.slowness_percent / 100 };
         self.busy += cycles;
         let to = self.chip.now + cycles;
         if self.chip.deadline <= to {

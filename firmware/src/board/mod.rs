@@ -50,7 +50,7 @@ pub(crate) use chosen::{
     start_control_executor,
 };
 
-/// Time without a step that was done in time after which the watchdog resets the chip, µs.
+/// Time after which the watchdog resets the chip, without a step that took no longer than the law can be flown with, µs.
 pub(crate) const WATCHDOG_US: u32 = 20_000;
 /// Speed of the station's line, bits a second.
 const STATION_BAUD: u32 = 115_200;

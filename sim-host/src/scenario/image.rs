@@ -84,7 +84,7 @@ impl Scenario {
 
 /// Refuses what the radio cannot say, and what the board decides itself.
 fn check_event(key: &str, event: &Event) -> Check {
-    let Event { mode, offboard, late, gyro_calibrated, self_test_passed, parameters_valid, check_wiring, .. } = *event;
+    let Event { mode, offboard, gyro_calibrated, self_test_passed, parameters_valid, check_wiring, .. } = *event;
     match mode {
         Some(mode @ (ModeName::Rate | ModeName::Offboard | ModeName::Land | ModeName::Descend)) => {
             let allowed = "one that the radio's switches have: angle, altitude_hold, position_hold, take_off, return";
@@ -97,7 +97,6 @@ fn check_event(key: &str, event: &Event) -> Check {
     }
     for (name, fact) in [
         ("offboard", offboard),
-        ("late", late),
         ("gyro_calibrated", gyro_calibrated),
         ("self_test_passed", self_test_passed),
         ("parameters_valid", parameters_valid),

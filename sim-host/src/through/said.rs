@@ -9,6 +9,9 @@ use control_core::pilot::{PilotInput, Sticks};
 /// Samples of the inertial unit between two frames of the radio: 50 frames a second.
 const RADIO_EVERY: u32 = 40;
 
+/// Cycles that a core takes whose steps come late, of those that it should, percent: the image's longest step is a tenth shorter than its
+/// period, the mean half.
+const LATE_PERCENT: u32 = 400;
 /// Temperature of the air, °C: the models of sensors know none.
 const AIR_C: f32 = 20.0;
 /// Where the world's origin is for a satellite receiver.
@@ -17,6 +20,7 @@ const HOME: Geodetic = Geodetic { latitude_e7: 473_977_000, longitude_e7: 85_456
 /// What was said, and when again.
 pub(super) struct Said {
     samples: u32,
+    late: bool,
     world: LocalFrame,
 }
 
@@ -29,7 +33,7 @@ impl Said {
         if keys.rotor_speed.is_none() {
             (0..4).for_each(|motor| emulator.set_telemetry(motor, Telemetry::Silent));
         }
-        Ok(Self { samples: 0, world: LocalFrame::try_new(HOME)? })
+        Ok(Self { samples: 0, late: false, world: LocalFrame::try_new(HOME)? })
     }
 
     /// Says what the sensors have measured at `t_s`, by their clock.
@@ -56,6 +60,14 @@ impl Said {
         }
         if let Some(battery_v) = measurements.battery_v {
             emulator.set_battery(battery_v.value);
+        }
+    }
+
+    /// Slows the core down while its steps are to come late.
+    pub(super) fn late(&mut self, emulator: &mut Emulator, late: bool) {
+        if late != self.late {
+            self.late = late;
+            emulator.slow_down(if late { LATE_PERCENT } else { 100 });
         }
     }
 
