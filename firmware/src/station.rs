@@ -19,7 +19,6 @@ use control_core::autopilot::BenchOrder;
 use control_core::motor_test::{MotorTestOrder, SECONDS_MAX, SHARE_MAX};
 use control_core::parameters::{Parameters, TABLE, index_of};
 use cortex_m::peripheral::SCB;
-use embassy_futures::block_on;
 use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
@@ -82,14 +81,14 @@ pub(crate) fn order(now_us: u64, armed: bool, on_bench: bool) -> Option<BenchOrd
 
 /// Loads the parameters, and stores one that had to wait for this start. From then on no sector is erased.
 pub(crate) fn load(store: &mut Store) -> Loaded {
-    let mut loaded = block_on(store.load());
+    let mut loaded = store.load();
     if let Some([place, bits]) = PENDING.take()
         && let Some(declaration) = TABLE.get(place as usize)
     {
-        if block_on(store.save(declaration, f32::from_bits(bits))).is_err() {
+        if store.save(declaration, f32::from_bits(bits)).is_err() {
             defmt::error!("the flash refuses {=str}", declaration.name);
         }
-        loaded = block_on(store.load());
+        loaded = store.load();
     }
     store.stop_erasing();
     if loaded.is_valid() {
@@ -204,7 +203,7 @@ fn set(place: usize, value: f32, store: &mut Store, parameters: &mut Parameters)
     if RUNS.load(Ordering::SeqCst) {
         return Outcome::Armed;
     }
-    match block_on(store.save(declaration, value)) {
+    match store.save(declaration, value) {
         Ok(()) => {
             *parameters = wanted;
             Outcome::Stored

@@ -4,7 +4,6 @@
 //! Another board is another such file, a feature in `Cargo.toml`, and its memory map (docs/boards.md).
 use core::mem::forget;
 
-use embassy_embedded_hal::adapter::BlockingAsync;
 use embassy_stm32::Peri;
 use embassy_stm32::exti::ExtiInput;
 use embassy_stm32::gpio::{AnyPin, Level, Output, Speed};
@@ -112,7 +111,7 @@ pub(crate) type Radio = RingBufferedUartRx<'static>;
 /// The full-speed port to a computer.
 pub(crate) type UsbPort = usb::Driver<'static, USB_OTG_FS>;
 /// Where parameters are stored.
-pub(crate) type Store = Stored<BlockingAsync<chosen::StoreRegion>>;
+pub(crate) type Store = Stored<chosen::StoreRegion>;
 /// The status LED.
 pub(crate) type Status = Output<'static>;
 
@@ -136,7 +135,7 @@ pub(crate) const BUFFERS: Buffers = Buffers { radio: [0; 208], gnss: [0; 256], v
 /// # Panics
 /// If that is not two sectors.
 fn store(region: chosen::StoreRegion) -> Store {
-    Stored::try_new(BlockingAsync::new(region), chosen::STORE).expect("the range is two sectors")
+    Stored::try_new(region, chosen::STORE).expect("the range is two sectors")
 }
 
 /// How the inertial unit's bus is driven, at most at a speed, Hz.
