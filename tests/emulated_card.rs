@@ -3,50 +3,13 @@
 //!
 //! Needs cmake and libclang (`cargo xtask setup`), and so a feature: `cargo test --features emulated --test emulated_card`.
 use sim_host::emulator::Mishap;
-use sim_host::replay::{Replay, Start, replay, starts};
-use system_tests::aloft::{Aloft, ByHand, Hands, SAMPLE_HZ};
+use system_tests::aloft::{Aloft, ByHand, SAMPLE_HZ};
 use system_tests::card::Card;
+use system_tests::logged::{assert_on_time, read, stand, whole};
 use system_tests::sim_host;
 
 /// What the image may be busy, with the log.
 const LOAD_MAX: f64 = 0.5;
-
-/// Stands on the ground until `until_s`; returns what the image logs meanwhile.
-fn stand(aloft: &mut Aloft, until_s: f64) -> String {
-    let mut log = String::new();
-    while aloft.time_s() < until_s {
-        aloft.step(&Hands::default());
-        if !aloft.answer.log.is_empty() {
-            log += &aloft.answer.log;
-            log.push('\n');
-        }
-    }
-    log
-}
-
-/// What is in a file, start by start; no command differs in any.
-fn read(log: &[u8]) -> Vec<Replay> {
-    let part = |Start { offset, bytes }| &log[offset as usize..(offset + bytes) as usize];
-    let told = |start| replay(part(start), &mut |_, _| {}).expect("a log");
-    let all: Vec<Replay> = starts(&mut &*log).expect("logs").into_iter().map(told).collect();
-    for told in &all {
-        assert_eq!(told.verdict.parting.filter(|_| told.gaps.is_empty()), None, "{:?}", told.verdict);
-    }
-    all
-}
-
-/// Steps that were logged, of which none may be missing.
-fn whole(told: &Replay) -> u64 {
-    assert_eq!((told.gaps.as_slice(), told.damage.as_slice()), (&[][..], &[][..]), "{} steps", told.steps);
-    assert_eq!(u64::from(told.verdict.commands), told.steps);
-    told.steps
-}
-
-/// No step may end late, nor a sample be missed, whatever the card does.
-fn assert_on_time(log: &str, reports: usize) {
-    let lines: Vec<&str> = log.lines().filter(|line| line.contains("steps ")).collect();
-    assert!(lines.len() >= reports && lines.iter().all(|line| line.contains("late 0, blind 0")), "{log}");
-}
 
 #[test]
 fn a_flight_is_decided_again_from_its_log_to_the_bit() {
@@ -164,7 +127,7 @@ fn a_card_that_takes_a_quarter_of_a_second_now_and_then_costs_no_step_and_nothin
     let card = Card::prepared();
     let mut aloft = Aloft::prepared(|emulator| {
         emulator.put_card(Some(card.path()));
-        emulator.set_card_busy(1_000, 250_000, 90);
+        emulator.set_log_busy(1_000, 250_000, 90);
     });
     let log = stand(&mut aloft, 5.0);
     assert_on_time(&log, 4);
@@ -177,7 +140,7 @@ fn a_card_that_is_slower_than_the_flight_costs_what_is_told_and_no_step() {
     let card = Card::prepared();
     let mut aloft = Aloft::prepared(|emulator| {
         emulator.put_card(Some(card.path()));
-        emulator.set_card_busy(25_000, 0, 0);
+        emulator.set_log_busy(25_000, 0, 0);
     });
     let log = stand(&mut aloft, 8.0);
     assert_on_time(&log, 7);
@@ -208,10 +171,10 @@ fn no_card_an_empty_one_a_full_one_and_one_that_hangs_or_is_pulled_out_are_told_
     let card = Card::prepared();
     let mut aloft = Aloft::with_card(&card);
     let mut log = stand(&mut aloft, 1.5);
-    aloft.tell(|emulator| emulator.set_card_busy(3_000_000, 0, 0));
+    aloft.tell(|emulator| emulator.set_log_busy(3_000_000, 0, 0));
     log += &stand(&mut aloft, 3.5);
     assert!(log.contains("no flight log: the card fails"), "{log}");
-    aloft.tell(|emulator| emulator.set_card_busy(400, 0, 0));
+    aloft.tell(|emulator| emulator.set_log_busy(400, 0, 0));
     log += &stand(&mut aloft, 7.0);
     aloft.tell(|emulator| emulator.put_card(None));
     log += &stand(&mut aloft, 9.0);

@@ -163,7 +163,7 @@ fn station(board: &Served, arguments: &[&str]) -> (String, bool) {
 
 #[test]
 fn the_host_tool_lists_sets_watches_and_turns_rotors() {
-    let board = Served::start(600).expect("emulator and image build");
+    let board = Served::start(600, None).expect("emulator and image build");
     let content = |arguments: &[&str]| {
         let (said, content) = station(&board, arguments);
         assert!(content, "{arguments:?}: {said}");

@@ -10,13 +10,14 @@
 //! | vision computer        | USART1                             |
 //! | station                | USART3                             |
 //! | buzzer                 | PC15                               |
-//! | microSD card           | SPI3, PB3 to PB5, select PC14      |
+//! | microSD card, or a flash chip in its place | SPI3, PB3 to PB5, select PC14 |
 //! | battery, through 1 : 11 | ADC1 channel 10                   |
 //!
 //! # Source
 //! As `firmware/src/board/speedybee_f405_v4.rs`, where it is cited.
 use crate::device::esc::{Esc, Heard};
 use crate::device::inertial_unit::{Inertial, InertialUnit};
+use crate::device::log_flash::LogFlash;
 use crate::device::sd_card::SdCard;
 use crate::device::sensor_bus::SensorBus;
 use crate::device::ublox::Ublox;
@@ -48,6 +49,8 @@ pub(crate) const CARD_PINS: [(usize, u32); 3] = [(1, 3), (1, 4), (1, 5)];
 pub(crate) const CARD_FUNCTION: u32 = 6;
 /// A card's fastest clock, Hz, in its default mode.
 const CARD_HZ_MAX: u64 = 25_000_000;
+/// The log flash's, for the instruction that reads.
+const LOG_FLASH_HZ_MAX: u64 = 50_000_000;
 pub(crate) const CARD_SELECT: (usize, u32) = (2, 14);
 /// The station's port, counted from zero, and its speed, bit/s.
 pub(crate) const STATION: usize = 2;
@@ -73,6 +76,8 @@ pub(crate) struct Board {
     pub(crate) sensors: SensorBus,
     pub(crate) gnss: Ublox,
     pub(crate) card: SdCard,
+    /// What is soldered on in the place of the slot, if it is.
+    pub(crate) log_flash: Option<LogFlash>,
     pub(crate) escs: [Esc; 4],
     pub(crate) battery_v: f32,
     /// Whether the chip no longer sees the data-ready line.
@@ -88,6 +93,7 @@ impl Board {
             sensors: SensorBus::new(CYCLES_US),
             gnss: Ublox::new(CYCLES_US),
             card: SdCard::new(CYCLES_US),
+            log_flash: None,
             escs: std::array::from_fn(Esc::new),
             battery_v: 16.8,
             ready_line_broken: false,
@@ -95,10 +101,26 @@ impl Board {
         }
     }
 
-    /// Power comes on again.
-    pub(crate) fn power_up(&mut self) {
+    /// Power fails for a moment.
+    pub(crate) fn cut_power(&mut self, now: u64) {
         self.imu.power_up();
         self.card.power_up();
+        if let Some(flash) = &mut self.log_flash {
+            flash.cut_power(now);
+        }
+    }
+
+    /// The select line of what is on the log's bus.
+    pub(crate) fn select_log(&mut self, low: bool, now: u64) {
+        match &mut self.log_flash {
+            Some(flash) => flash.select(low, now),
+            None => self.card.select(low),
+        }
+    }
+
+    /// What of that is not modelled, if something of it was done.
+    pub(crate) fn unknown_of_log(&mut self) -> Option<String> {
+        self.log_flash.as_mut().map_or(&mut self.card.unknown, |flash| &mut flash.unknown).take()
     }
 
     /// Tells the inertial unit how the body moves: forward, right, down.
@@ -118,6 +140,7 @@ impl Board {
     pub(crate) fn spi_hz_max(&self, spi: usize) -> u64 {
         match spi {
             0 => self.imu.spi_hz_max(),
+            CARD if self.log_flash.is_some() => LOG_FLASH_HZ_MAX,
             CARD => CARD_HZ_MAX,
             _ => u64::MAX,
         }
@@ -127,7 +150,10 @@ impl Board {
     pub(crate) fn exchange(&mut self, spi: usize, word: u16, now: u64) -> u16 {
         match spi {
             0 => self.imu.exchange(word as u8, now).into(),
-            CARD => self.card.exchange(word as u8, now).into(),
+            CARD => match &mut self.log_flash {
+                Some(flash) => flash.exchange(word as u8, now).into(),
+                None => self.card.exchange(word as u8, now).into(),
+            },
             _ => u16::MAX,
         }
     }

@@ -133,7 +133,7 @@ impl Chip {
         let mut board = std::mem::replace(&mut self.board, Board::new());
         if causes & PORRSTF != 0 {
             rtc = Rtc::default();
-            board.power_up();
+            board.cut_power(now);
         }
         // What is on its way to others is out.
         let sent = self.usart.each_mut().map(|port| std::mem::take(&mut port.sent));

@@ -36,8 +36,11 @@ struct Cli {
     /// Serve the station's line at this TCP port of this computer, any free one if 0, and run no faster than time passes.
     #[arg(long, value_name = "PORT")]
     station: Option<u16>,
+    /// Put a log flash in the place of the card's slot, whose content is this file of 16 MiB.
+    #[arg(long, value_name = "FILE")]
+    log_flash: Option<PathBuf>,
     /// Serve another program over standard input and output instead (docs/emulator.md).
-    #[arg(long, conflicts_with_all = ["seconds", "station"])]
+    #[arg(long, conflicts_with_all = ["seconds", "station", "log_flash"])]
     pipe: bool,
 }
 
@@ -49,6 +52,9 @@ fn main() -> Result<()> {
         return Ok(pipe::serve(&image, &tasks, BufReader::new(stdin().lock()), BufWriter::new(stdout().lock()))?);
     }
     let mut machine = Machine::new(&image)?.watching(&tasks);
+    if let Some(file) = &cli.log_flash {
+        machine.solder_log_flash(file)?;
+    }
     let started = Instant::now();
     let mut station = cli.station.map(Station::bind).transpose()?;
     let seconds = cli.seconds.unwrap_or(if station.is_some() { f64::INFINITY } else { SECONDS });

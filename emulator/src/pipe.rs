@@ -11,7 +11,8 @@
 //! | `k`             | u32 words programmed and sectors erased after which power is cut, u8 whether the next one is done in part; power comes back at once |
 //! | `e`             | u32 address, u32 bytes, and those: fills flash as somebody may have left it |
 //! | `o`             | u32 bytes, and those: path, UTF-8, of the file that is the content of a card which is put in now; of none, it is pulled out |
-//! | `j`             | 3 × u32: how long the card takes to program a block, µs; how long now and then, µs; once in how many blocks that is |
+//! | `y`             | u32 bytes, and those: path, UTF-8, of the file that is the content of a log flash in the place of the card's slot; before its first period |
+//! | `j`             | 3 × u32: how long the card takes to program a block, or the log flash a page, µs; how long now and then, µs; once in how many blocks that is |
 //! | `l`             | u8 bytes, and those: the station sends them now                             |
 //! | `h`             | nothing: answers what the station has heard                                 |
 //! | `i`             | u8: the board carries 0 an ICM-42688-P, 1 an MPU-6000; before its first period |
@@ -157,13 +158,12 @@ pub fn serve(image: &Image, tasks: &[Task], mut input: impl Read, mut output: im
                 let (after, [within]) = (number(&mut input)?, bytes(&mut input)?);
                 machine.cut_power_at(after, within != 0);
             }
-            b'e' | b'o' => {
-                let filled = if kind == b'e' { fill_flash } else { put_card }(&mut machine, &mut input)?;
-                if let Err(failure) = filled {
+            b'e' | b'o' | b'y' => {
+                if let Err(failure) = fill(kind, &mut machine, &mut input)? {
                     return refuse(&mut output, &failure);
                 }
             }
-            b'j' => machine.set_card_busy(busy(&mut input)?),
+            b'j' => machine.set_log_busy(busy(&mut input)?),
             b'l' => {
                 let [count] = bytes(&mut input)?;
                 machine.hear_station(&many(&mut input, count.into())?);
@@ -191,17 +191,17 @@ pub fn serve(image: &Image, tasks: &[Task], mut input: impl Read, mut output: im
     }
 }
 
-/// Fills flash as somebody may have left it.
-fn fill_flash(machine: &mut Machine, input: &mut impl Read) -> io::Result<Result<(), Failure>> {
-    let (address, count) = (number(input)?, number(input)?);
-    Ok(machine.fill_flash(address, &many(input, count as usize)?))
-}
-
-/// Puts a card into its slot, or pulls the one that is there.
-fn put_card(machine: &mut Machine, input: &mut impl Read) -> io::Result<Result<(), Failure>> {
+/// Fills flash as somebody may have left it, solders a log flash on, or puts a card into its slot, or pulls the one that is there.
+fn fill(kind: u8, machine: &mut Machine, input: &mut impl Read) -> io::Result<Result<(), Failure>> {
+    let address = if kind == b'e' { number(input)? } else { 0 };
     let count = number(input)?;
-    let file = String::from_utf8(many(input, count as usize)?).map_err(io::Error::other)?;
-    Ok(machine.put_card(Some(Path::new(&file)).filter(|_| count > 0)))
+    let content = many(input, count as usize)?;
+    if kind == b'e' {
+        return Ok(machine.fill_flash(address, &content));
+    }
+    let file = String::from_utf8(content).map_err(io::Error::other)?;
+    let file = Path::new(&file);
+    Ok(if kind == b'y' { machine.solder_log_flash(file) } else { machine.put_card(Some(file).filter(|_| count > 0)) })
 }
 
 fn busy(input: &mut impl Read) -> io::Result<Busy> {

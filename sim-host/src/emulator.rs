@@ -4,6 +4,7 @@
 //! are out of date.
 use firmware::record::{Record, WORDS};
 use std::io::{self, BufRead, BufReader, Read, Write};
+use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 mod kinds;
@@ -225,12 +226,17 @@ pub struct Served {
 impl Served {
     /// Switches a board on, for so many seconds.
     ///
+    /// - `log_flash`: what is in the log flash that it has in the place of its slot, if it has one.
+    ///
     /// # Errors
     /// As [`Emulator::start`].
-    pub fn start(seconds: u32) -> Result<Self, EmulatorError> {
+    pub fn start(seconds: u32, log_flash: Option<&Path>) -> Result<Self, EmulatorError> {
         let Parts { emulator, image } = parts()?;
         let mut command = Command::new(emulator);
         command.arg(image).args(["--station", "0", "--seconds", &seconds.to_string()]).stdout(Stdio::piped());
+        if let Some(file) = log_flash {
+            command.arg("--log-flash").arg(file);
+        }
         let mut child = command.spawn()?;
         let mut log = BufReader::new(child.stdout.take().ok_or_else(|| io::Error::other("no pipe"))?);
         let mut first = String::new();

@@ -93,7 +93,7 @@ impl Chip {
                     self.fail(format!("{unit} runs at {hz} Hz, what is on it can take {hz_max} Hz"));
                 }
                 let answer = self.board.exchange(n, self.spi[n].sent(), t.now);
-                if let Some(what) = self.board.card.unknown.take() {
+                if let Some(what) = self.board.unknown_of_log() {
                     self.fail(what);
                 }
                 self.spi[n].receive(answer, t);
@@ -169,7 +169,7 @@ impl Chip {
         let (select_port, pin) = board::CARD_SELECT;
         if port == select_port {
             let low = !self.gpio[port].level(pin);
-            self.board.card.select(low);
+            self.board.select_log(low, self.now);
         }
     }
 

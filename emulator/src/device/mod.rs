@@ -3,6 +3,7 @@ pub(crate) mod crsf;
 pub(crate) mod dps310;
 pub(crate) mod esc;
 pub(crate) mod inertial_unit;
+pub(crate) mod log_flash;
 pub(crate) mod qmc5883l;
 pub(crate) mod sd_card;
 pub(crate) mod sensor_bus;

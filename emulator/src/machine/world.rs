@@ -5,6 +5,7 @@ use crate::Failure;
 use crate::board;
 use crate::device::crsf;
 use crate::device::esc::Telemetry;
+use crate::device::log_flash::LogFlash;
 use crate::device::sd_card::Busy;
 use crate::device::sensor_bus::Health;
 use crate::device::ublox::Fix;
@@ -122,9 +123,24 @@ impl Machine {
         put.map_err(|error| Failure(format!("the card, {}: {error}", file.unwrap_or(Path::new("none")).display())))
     }
 
-    /// Sets how long the card takes to program a block.
-    pub fn set_card_busy(&mut self, busy: Busy) {
-        self.state.borrow_mut().chip.board.card.set_busy(busy);
+    /// Puts a log flash, whose content is this file, in the place of the card's slot; to be called before the image runs.
+    ///
+    /// # Errors
+    /// If the file cannot be opened, or is not of the chip's size.
+    pub fn solder_log_flash(&mut self, file: &Path) -> Result<(), Failure> {
+        let flash = LogFlash::new(file, board::CYCLES_US);
+        let flash = flash.map_err(|error| Failure(format!("the log flash, {}: {error}", file.display())))?;
+        self.state.borrow_mut().chip.board.log_flash = Some(flash);
+        Ok(())
+    }
+
+    /// Sets how long the card takes to program a block, or the log flash a page.
+    pub fn set_log_busy(&mut self, busy: Busy) {
+        let board = &mut self.state.borrow_mut().chip.board;
+        match &mut board.log_flash {
+            Some(flash) => flash.set_busy(busy),
+            None => board.card.set_busy(busy),
+        }
     }
 
     /// Lets the program hang where it is, interrupts masked or not.

@@ -111,13 +111,22 @@ impl Emulator {
 
     /// Puts a card into its slot, whose content is this file, or pulls the one that is there.
     pub fn put_card(&mut self, file: Option<&Path>) {
-        let path = file.unwrap_or(Path::new("")).to_string_lossy();
-        let count = path.len() as u32;
-        self.say(b'o', count.to_le_bytes().into_iter().chain(path.bytes()));
+        self.say_path(b'o', file.unwrap_or(Path::new("")));
     }
 
-    /// Sets how long the card takes to program a block, µs: as a rule, and once in `long_every` blocks.
-    pub fn set_card_busy(&mut self, usual_us: u32, long_us: u32, long_every: u32) {
+    fn say_path(&mut self, kind: u8, file: &Path) {
+        let path = file.to_string_lossy();
+        let count = path.len() as u32;
+        self.say(kind, count.to_le_bytes().into_iter().chain(path.bytes()));
+    }
+
+    /// Puts a log flash, whose content is this file of 16 MiB, in the place of the card's slot; before the first period.
+    pub fn solder_log_flash(&mut self, file: &Path) {
+        self.say_path(b'y', file);
+    }
+
+    /// Sets how long the card takes to program a block, or the log flash a page, µs: as a rule, and once in `long_every`.
+    pub fn set_log_busy(&mut self, usual_us: u32, long_us: u32, long_every: u32) {
         self.say(b'j', [usual_us, long_us, long_every].into_iter().flat_map(u32::to_le_bytes));
     }
 
