@@ -6,8 +6,7 @@
 //! write    CMD25 ─► a block, it programs it; a block, it programs it; … ─► stop
 //! ```
 //!
-//! While the card is busy its driver sleeps and looks again. A block is written by DMA, on streams that the slow sensors' bus has too:
-//! the chip has no others left, so each waits for its [`TURN`]. What is short, and what is read at the start, is the core's to move.
+//! While the card is busy its driver sleeps and looks again. A block is written by DMA (`log_bus.rs`).
 //!
 //! A reset of the chip alone may find the card within a block: it is given the rest of one and told to stop before it is woken.
 //! Blocks are sent without checksums of the bus, which the card does not ask for: those of the log have their own.
@@ -15,15 +14,11 @@
 //! # Source
 //! SD Association, "Physical Layer Simplified Specification" 9.00, chapter 7 "SPI Mode"; 4.6.2: times.
 use embassy_futures::yield_now;
-use embassy_stm32::gpio::Output;
-use embassy_stm32::mode::Async;
-use embassy_stm32::spi::{self, Spi};
-use embassy_stm32::time::Hertz;
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::mutex::Mutex;
 use embassy_time::{Duration, Instant, Timer};
 use firmware::flight_log::BLOCK_BYTES;
 use firmware::log_file::Blocks;
+
+use crate::log_bus::LogBus;
 
 /// Clock of the bus until the card is up, and then; Hz.
 const SLOW_HZ: u32 = 400_000;
@@ -64,42 +59,34 @@ pub(crate) enum CardError {
     Small,
 }
 
-/// Whose turn it is with the streams.
-pub(crate) static TURN: Mutex<CriticalSectionRawMutex, ()> = Mutex::new(());
+/// A card; its select line stays low once it is awake.
+pub(crate) struct Card<'a>(&'a mut LogBus);
 
-type Bus = Spi<'static, Async, spi::mode::Master>;
-
-/// The slot: the bus, and the card's select line, which stays low once it is awake.
-pub(crate) struct Slot {
-    bus: Bus,
-    select: Output<'static>,
-    /// Whether it was found empty.
-    empty: bool,
-}
-
-impl Slot {
-    #[cfg_attr(not(feature = "speedybee-f405-v4"), expect(dead_code, reason = "no other board has a slot"))]
-    pub(crate) fn new(bus: Bus, select: Output<'static>) -> Self {
-        Self { bus, select, empty: false }
+impl<'a> Card<'a> {
+    /// The one in the slot, if there is one.
+    pub(crate) fn new(bus: &'a mut LogBus) -> Self {
+        Self(bus)
     }
 
     /// Brings a card up, whatever it was doing.
-    pub(crate) async fn wake(&mut self) -> Result<(), CardError> {
-        self.set_speed(SLOW_HZ);
-        self.select.set_high();
-        self.send(&[0xff; WAKE_BYTES]);
-        self.select.set_low();
+    ///
+    /// - `empty`: whether the slot was found empty before, and is now.
+    pub(crate) async fn wake(&mut self, empty: &mut bool) -> Result<(), CardError> {
+        self.0.set_speed(SLOW_HZ);
+        self.0.deselect();
+        self.0.send(&[0xff; WAKE_BYTES]);
+        self.0.select();
         // While the clock is slow others have their turn between any two commands.
         yield_now().await;
         self.ready().await?;
         if self.command(0, 0) != IDLE {
             // One that is put in is in no block.
-            if core::mem::replace(&mut self.empty, true) {
+            if core::mem::replace(empty, true) {
                 return Err(CardError::Missing);
             }
             yield_now().await;
             for _ in 0..PIECES {
-                self.send(&[0xff; PIECE_BYTES]);
+                self.0.send(&[0xff; PIECE_BYTES]);
                 yield_now().await;
             }
             self.stop().await?;
@@ -109,7 +96,7 @@ impl Slot {
                 return Err(CardError::Missing);
             }
         }
-        self.empty = false;
+        *empty = false;
         yield_now().await;
         if self.command(8, SUPPLY) != IDLE || self.word() & 0xfff != SUPPLY {
             return Err(CardError::Small);
@@ -124,7 +111,7 @@ impl Slot {
         if self.command(58, 0) != READY || self.word() & HIGH_CAPACITY == 0 {
             return Err(CardError::Small);
         }
-        self.set_speed(FAST_HZ);
+        self.0.set_speed(FAST_HZ);
         Ok(())
     }
 
@@ -137,29 +124,19 @@ impl Slot {
     /// Writes the next block.
     pub(crate) async fn write(&mut self, bytes: &[u8; BLOCK_BYTES]) -> Result<(), CardError> {
         self.ready().await?;
-        self.send(&[0xff, START_OF_MANY]);
-        {
-            let _turn = TURN.lock().await;
-            self.bus.write(bytes).await.map_err(|_| CardError::Failing)?;
-        }
+        self.0.send(&[0xff, START_OF_MANY]);
+        let sent = self.0.stream(bytes).await;
         // A checksum that nobody reads, and the verdict.
         let mut bytes = [0xff; 3];
-        self.receive(&mut bytes);
-        if bytes[2] & VERDICT == ACCEPTED { Ok(()) } else { Err(CardError::Failing) }
+        self.0.receive(&mut bytes);
+        if sent && bytes[2] & VERDICT == ACCEPTED { Ok(()) } else { Err(CardError::Failing) }
     }
 
     /// Ends writing: the card keeps what it has taken.
     pub(crate) async fn stop(&mut self) -> Result<(), CardError> {
         self.ready().await?;
-        self.send(&[STOP, 0xff]);
+        self.0.send(&[STOP, 0xff]);
         Ok(())
-    }
-
-    fn set_speed(&mut self, hz: u32) {
-        let mut config = spi::Config::default();
-        config.frequency = Hertz(hz);
-        // A speed can always be set.
-        let _ = self.bus.set_config(&config);
     }
 
     /// Says a command; its first answer, with the upper bit set if there was none.
@@ -171,8 +148,8 @@ impl Slot {
             8 => 0x87,
             _ => 1,
         };
-        self.send(&[0xff, 0x40 | number, a, b, c, d, checksum]);
-        (0..ANSWER_BYTES).map(|_| self.byte()).find(|&answer| answer >> 7 == 0).unwrap_or(u8::MAX)
+        self.0.send(&[0xff, 0x40 | number, a, b, c, d, checksum]);
+        (0..ANSWER_BYTES).map(|_| self.0.byte()).find(|&answer| answer >> 7 == 0).unwrap_or(u8::MAX)
     }
 
     /// Sleeps until the card is no longer busy.
@@ -183,7 +160,7 @@ impl Slot {
     /// Sleeps until the card says what is waited for.
     async fn until(&mut self, said: impl Fn(u8) -> bool) -> Result<(), CardError> {
         let began = Instant::now();
-        while !said(self.byte()) {
+        while !said(self.0.byte()) {
             if began.elapsed() > BUSY_MAX {
                 return Err(CardError::Failing);
             }
@@ -193,27 +170,11 @@ impl Slot {
     }
 
     fn word(&mut self) -> u32 {
-        u32::from_be_bytes([self.byte(), self.byte(), self.byte(), self.byte()])
-    }
-
-    fn byte(&mut self) -> u8 {
-        let mut byte = [0xff];
-        self.receive(&mut byte);
-        byte[0]
-    }
-
-    // A bus without a card works as well: what fails is seen by what the card answers.
-    fn send(&mut self, bytes: &[u8]) {
-        let _ = self.bus.blocking_write(bytes);
-    }
-
-    fn receive(&mut self, bytes: &mut [u8]) {
-        bytes.fill(0xff);
-        let _ = self.bus.blocking_transfer_in_place(bytes);
+        u32::from_be_bytes([self.0.byte(), self.0.byte(), self.0.byte(), self.0.byte()])
     }
 }
 
-impl Blocks for Slot {
+impl Blocks for Card<'_> {
     type Error = CardError;
 
     async fn read(&mut self, block: u32, bytes: &mut [u8; BLOCK_BYTES]) -> Result<(), CardError> {
@@ -222,9 +183,9 @@ impl Blocks for Slot {
             return Err(CardError::Failing);
         }
         self.until(|answer| answer == START).await?;
-        self.receive(bytes);
+        self.0.receive(bytes);
         // Its checksum.
-        self.send(&[0xff; 2]);
+        self.0.send(&[0xff; 2]);
         Ok(())
     }
 }

@@ -13,6 +13,10 @@ use flight_link::{Decoder, FRAME_BYTES_MAX, FromBoard, ToBoard, encode};
 
 /// Bytes that may wait on a line: what is said ten times a second, and an answer.
 const WAITING: usize = 512;
+/// Of these, those that are left to what is said ten times a second where there is more to say.
+const OTHERS: usize = 192;
+/// How long a line may take none of that, ms.
+const PATIENCE_MS: u32 = 1_000;
 /// Bytes that are handed to a port at once.
 const CHUNK: usize = 64;
 /// Records that may wait to be considered.
@@ -60,10 +64,25 @@ impl Line {
             self.dropped.fetch_add(1, Ordering::Relaxed);
             return;
         }
-        // In two parts where the pipe's memory ends. Only one task writes.
+        // In two parts where the pipe's memory ends. All who write are on one executor, and nobody waits in between.
         while let Ok(count @ 1..) = self.waiting.try_write(frame) {
             frame = frame.get(count..).unwrap_or_default();
         }
+    }
+
+    /// Says one record of many once there is room for it and for what else is said; whether the line took it.
+    pub(crate) async fn say_in_turn(&self, record: &FromBoard) -> bool {
+        for _ in 0..PATIENCE_MS {
+            if !self.open.load(Ordering::Relaxed) {
+                break;
+            }
+            if self.waiting.free_capacity() >= OTHERS + FRAME_BYTES_MAX {
+                self.say(record);
+                return true;
+            }
+            Timer::after_millis(1).await;
+        }
+        false
     }
 
     /// Records that there was no room for.

@@ -11,7 +11,7 @@
 //!
 //! # Source
 //! Microsoft, "FAT: General Overview of On-Disk Format" 1.03, "Boot Sector and BPB", "FAT Data Structure", "FAT Directory Structure".
-use crate::flight_log::{BLOCK_BYTES, is_log};
+use crate::flight_log::BLOCK_BYTES;
 
 /// The file's name, without the point.
 const NAME: &[u8; 11] = b"FLIGHT  LOG";
@@ -98,15 +98,21 @@ impl Extent {
 
     /// Where in it the logs end, which fill it from its beginning: blocks from there.
     ///
+    /// - `written`: whether a block is.
+    ///
     /// # Errors
-    /// If the card fails.
-    pub async fn end<B: Blocks>(self, card: &mut B) -> Result<u32, B::Error> {
+    /// If it cannot be read.
+    pub async fn end<B: Blocks>(
+        self,
+        medium: &mut B,
+        written: fn(&[u8; BLOCK_BYTES]) -> bool,
+    ) -> Result<u32, B::Error> {
         let mut bytes = [0; BLOCK_BYTES];
         let (mut low, mut high) = (0, self.blocks);
         while low < high {
             let middle = low + (high - low) / 2;
-            card.read(self.first + middle, &mut bytes).await?;
-            if is_log(&bytes) {
+            medium.read(self.first + middle, &mut bytes).await?;
+            if written(&bytes) {
                 low = middle + 1;
             } else {
                 high = middle;
@@ -197,7 +203,7 @@ fn long(bytes: &[u8], at: usize) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flight_log::{Block, Kind};
+    use crate::flight_log::{Block, Kind, is_log};
     use core::convert::Infallible;
     use embassy_futures::block_on;
     use proptest::prelude::*;
@@ -320,7 +326,7 @@ mod tests {
         let mut card = Card::new(&row(10, 59), &[(NAME, 0x20, 10, 100 * 512)]);
         let extent = card.find().unwrap();
         for written in 0..=100 {
-            assert_eq!(block_on(extent.end(&mut card)), Ok(written));
+            assert_eq!(block_on(extent.end(&mut card, is_log)), Ok(written));
             if written < 100 {
                 card.0[(extent.first + written) as usize] = Block::new(Kind::Steps).sealed(written);
             }

@@ -24,6 +24,12 @@ mod kept;
 #[cfg(target_os = "none")]
 mod line;
 #[cfg(target_os = "none")]
+mod log_bus;
+#[cfg(target_os = "none")]
+mod log_flash;
+#[cfg(target_os = "none")]
+mod medium;
+#[cfg(target_os = "none")]
 mod motors;
 #[cfg(target_os = "none")]
 mod recorder;

@@ -152,7 +152,7 @@ async fn read<const N: usize>(bus: &Shared<'_>, address: u8, first: u8) -> Resul
 /// Writes, and then reads if there is anything to read into.
 async fn exchange(bus: &Shared<'_>, address: u8, to: &[u8], from: &mut [u8]) -> Result<(), Trouble> {
     let mut bus = bus.lock().await;
-    let _turn = crate::card::TURN.lock().await;
+    let _turn = crate::log_bus::TURN.lock().await;
     let transfer = async {
         if from.is_empty() {
             I2c::write(&mut *bus, address, to).await

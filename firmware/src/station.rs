@@ -25,11 +25,12 @@ use embassy_sync::signal::Signal;
 use embassy_time::{Duration, TimeoutError, with_timeout};
 use firmware::stored::{Loaded, SaveError};
 use firmware::telemetry::Snapshot;
-use flight_link::{FromBoard, MotorTest, Order, Outcome, ParameterName, Status, ToBoard, VERSION, Verdict};
+use flight_link::{FromBoard, LogRefusal, MotorTest, Order, Outcome, ParameterName, Status, ToBoard, VERSION, Verdict};
 
 use crate::board::Store;
 use crate::kept::Kept;
 use crate::line::{Line, RECORDS, SERIAL, USB};
+use crate::recorder;
 use crate::tasks::now_us;
 
 /// How long no record may come before a test on the bench ends, µs.
@@ -56,6 +57,11 @@ static PENDING: Kept<2> = Kept::uninit();
 /// Notes whether a motor may turn, right after that was decided. Only the control task calls this.
 pub(crate) fn note_motors(run: bool) {
     RUNS.store(run, Ordering::Relaxed);
+}
+
+/// Whether a motor may turn.
+pub(crate) fn runs() -> bool {
+    RUNS.load(Ordering::Relaxed)
 }
 
 /// Whether something is being stored, and nothing must arm; to be asked right before that is decided.
@@ -126,7 +132,7 @@ fn tell(line: &Line, snapshot: &Snapshot) {
     line.say(&FromBoard::Rotors(rotors));
 }
 
-async fn answer(line: &Line, record: ToBoard, store: &mut Store, parameters: &mut Parameters) {
+async fn answer(line: &'static Line, record: ToBoard, store: &mut Store, parameters: &mut Parameters) {
     let (restarts, record) = match record {
         ToBoard::SetParameter(name, value) => consider(name, Some(value), store, parameters),
         ToBoard::GetParameter(name) => consider(name, None, store, parameters),
@@ -135,6 +141,8 @@ async fn answer(line: &Line, record: ToBoard, store: &mut Store, parameters: &mu
             let verdict = obey(order).await;
             (order == Order::Restart && verdict == Verdict::Done, FromBoard::Ordered(verdict))
         }
+        ToBoard::Log(_) if runs() => (false, FromBoard::LogRefused(LogRefusal::Armed)),
+        ToBoard::Log(wish) => return recorder::WISH.signal((line, wish)),
         ToBoard::VisionPose(_) => return,
     };
     line.say(&record);

@@ -28,7 +28,8 @@ use heapless::spsc::{Consumer, Producer, Queue};
 
 use crate::black_box;
 use crate::board::{
-    self, BATTERY_DIVIDER, BUFFERS, Board, Buffers, Gauge, HAS_SLOT, Radio, STATUS_ON, Status, Watchdog,
+    self, BATTERY_DIVIDER, BUFFERS, Board, Buffers, Gauge, LOG_ON_CARD, LOG_ON_FLASH, Radio, STATUS_ON, Status,
+    Watchdog,
 };
 use crate::fault;
 use crate::gnss::{GNSS, locate};
@@ -62,7 +63,7 @@ type Reader = Consumer<'static, Report>;
 /// Whom control tells of its steps.
 struct Listeners {
     reports: Reporter,
-    /// If there is a slot for a card.
+    /// If there is something to keep a log on.
     recorder: Option<Recorder>,
 }
 
@@ -127,10 +128,12 @@ pub(crate) fn start(spawner: Spawner) {
     let motors = Motors::new(motors, ear, &parameters);
     let valid = loaded.is_valid();
     let mut listeners = Listeners { reports: producer, recorder: None };
-    // The constant says to the linker, too, whether there is a queue.
-    if HAS_SLOT && let Some(card) = board.card {
+    // The constants say to the linker, too, whether there is a queue.
+    if (LOG_ON_CARD || LOG_ON_FLASH)
+        && let Some(bus) = board.log_bus
+    {
         let (recorder, blocks) = recorder::queue();
-        spawner.spawn(recorder::keep(card, Flown { parameters, resumed }, blocks).expect("keep is started once"));
+        spawner.spawn(recorder::keep(bus, Flown { parameters, resumed }, blocks).expect("keep is started once"));
         listeners.recorder = Some(recorder);
     }
     let control = control(flight, resumed, valid, imu, motors, watchdog, listeners).expect("control is started once");

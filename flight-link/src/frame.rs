@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 /// Longest frame, with the 0 that ends it.
-pub const FRAME_BYTES_MAX: usize = 128;
+pub const FRAME_BYTES_MAX: usize = 144;
 /// Longest record: a frame has two bytes of checksum more, one of stuffing, and the 0.
 const RECORD_BYTES_MAX: usize = FRAME_BYTES_MAX - 4;
 
@@ -118,7 +118,7 @@ fn unseal(frame: &mut [u8]) -> Option<&[u8]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{FromBoard, Motion, Rotors, Status, ToBoard, VisionPose, Wiring};
+    use crate::{FromBoard, LogPart, Motion, Rotors, Status, ToBoard, VisionPose, Wiring};
     use proptest::prelude::*;
     use std::vec::Vec;
 
@@ -199,7 +199,8 @@ mod tests {
             health: 0x3f,
         };
         let rotors = Rotors { time_us: u64::MAX, speeds: [0.5; 4], believed: [0.25; 4] };
-        for record in [FromBoard::Status(status), FromBoard::Motion(motion), FromBoard::Rotors(rotors)] {
+        let part = FromBoard::LogPart(LogPart { number: u32::MAX, bytes: [[0xa5; 32]; 4] });
+        for record in [FromBoard::Status(status), FromBoard::Motion(motion), FromBoard::Rotors(rotors), part] {
             let mut decoder = Decoder::new();
             let bytes = encode(&record, &mut [0; FRAME_BYTES_MAX]).expect("it fits").to_vec();
             let heard: Vec<FromBoard> = bytes.iter().filter_map(|&byte| decoder.push(byte)).collect();

@@ -19,9 +19,11 @@
 extern crate std;
 
 mod frame;
+mod log;
 mod record;
 mod telemetry;
 
 pub use frame::{Decoder, EncodeError, FRAME_BYTES_MAX, checksum, encode};
+pub use log::{LogPart, LogRefusal, LogSize, LogWish, PART_BYTES};
 pub use record::{FromBoard, MotorTest, Order, Outcome, ParameterName, ToBoard, VERSION, Verdict, VisionPose};
 pub use telemetry::{Motion, Rotors, Status, Wiring};

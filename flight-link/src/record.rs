@@ -4,7 +4,7 @@
 //! right, down and world north, east, down.
 use serde::{Deserialize, Serialize};
 
-use crate::{Motion, Rotors, Status};
+use crate::{LogPart, LogRefusal, LogSize, LogWish, Motion, Rotors, Status};
 
 /// Version of the records: raised when what was said means something else than before.
 pub const VERSION: u8 = 1;
@@ -22,6 +22,8 @@ pub enum ToBoard {
     Hello,
     /// Do something on the ground.
     Order(Order),
+    /// Say or erase the flight log.
+    Log(LogWish),
 }
 
 /// What a frame from the machine holds.
@@ -40,6 +42,12 @@ pub enum FromBoard {
     Motion(Motion),
     /// What its rotors do.
     Rotors(Rotors),
+    /// How long its flight log is.
+    LogSize(LogSize),
+    /// A part of that.
+    LogPart(LogPart),
+    /// Why nothing of it is said, or erased.
+    LogRefused(LogRefusal),
 }
 
 /// What is only done on the ground, disarmed.

@@ -16,6 +16,10 @@ pub mod estimation;
 pub mod garbage;
 #[cfg(feature = "emulated")]
 pub mod host;
+#[cfg(feature = "emulated")]
+pub mod log_flash;
+#[cfg(feature = "emulated")]
+pub mod logged;
 pub mod motion;
 pub mod rig;
 pub mod symbols;

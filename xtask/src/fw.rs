@@ -29,8 +29,8 @@ pub(crate) const BOARDS: [Board; 3] = [
     // Half of the STM32F722's flash: the other half keeps the parameters.
     Board {
         feature: "foxeer-f722-v4",
-        flash: Budget { name: "flash", bytes_max: 256 * KIB, ratchet: 232 * KIB },
-        ram: Budget { name: "RAM", bytes_max: 128 * KIB, ratchet: 92 * KIB },
+        flash: Budget { name: "flash", bytes_max: 256 * KIB, ratchet: 250 * KIB },
+        ram: Budget { name: "RAM", bytes_max: 128 * KIB, ratchet: 94 * KIB },
     },
     Board {
         feature: "orbit-h743",
@@ -40,7 +40,7 @@ pub(crate) const BOARDS: [Board; 3] = [
     // A quarter of the STM32F405's flash, half of its RAM.
     Board {
         feature: "speedybee-f405-v4",
-        flash: Budget { name: "flash", bytes_max: 256 * KIB, ratchet: 240 * KIB },
+        flash: Budget { name: "flash", bytes_max: 256 * KIB, ratchet: 246 * KIB },
         ram: Budget { name: "RAM", bytes_max: 64 * KIB, ratchet: 64 * KIB },
     },
 ];
@@ -49,7 +49,7 @@ pub(crate) const BOARDS: [Board; 3] = [
 const REQUIRED: [&str; 2] = [".vector_table", ".text"];
 
 /// The flight log's queue, in RAM of its own; it counts against no budget.
-const LOG_QUEUE: &str = ".ccm";
+const LOG_QUEUE: &str = ".log";
 
 /// Bytes of a section in each memory.
 struct Footprint {

@@ -6,12 +6,13 @@
 //! | motors 3, 4      | PC9, PC8                 | TIM8 channels 4, 3; bursts by DMA2 stream 1         |
 //! | ICM-42688-P      | PB2, PA5 … PA7           | SPI1; DMA2 streams 0 and 3                          |
 //! | its data ready   | PC4                      | EXTI4                                               |
-//! | radio receiver   | PA3                      | USART2; DMA1 stream 5                               |
+//! | radio receiver   | PA1                      | UART4; DMA1 stream 2                                |
 //! | DPS310, magnetometer | PB8, PB9             | I2C1; DMA1 streams 7 and 0                          |
-//! | GNSS receiver    | PA0, PA1                 | UART4; DMA1 streams 4 and 2                         |
+//! | GNSS receiver    | PA2, PA3                 | USART2; DMA1 streams 6 and 5                        |
 //! | vision           | PB11                     | USART3; DMA1 stream 1                               |
 //! | station          | PB6, PB7                 | USART1; DMA2 streams 7 and 2                        |
 //! | USB              | PA11, PA12               | OTG_FS                                              |
+//! | flash, a W25Q128 | PB12 … PB15              | SPI2; DMA1 streams 4 and 3                          |
 //! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11; DMA2 stream 4      |
 //! | status LED       | PC15, low is on          | GPIO                                                |
 //! | buzzer           | PA4, high sounds      | GPIO                                                |
@@ -25,7 +26,7 @@
 //!
 //! # Source
 //! Betaflight's `configs/FOXEERF722V4/config.h`, repository `betaflight/config`: MOTOR1_PIN to MOTOR4_PIN, GYRO_1_*,
-//! UART1_*, UART2_RX_PIN, I2C1_*, BARO_I2C_INSTANCE and MAG_I2C_INSTANCE, UART4_*, UART3_RX_PIN, ADC_VBAT_PIN, LED0_PIN, BEEPER_PIN, BEEPER_INVERTED,
+//! UART1_*, UART4_RX_PIN, SPI2_*, FLASH_SPI_INSTANCE, FLASH_CS_PIN, USE_FLASH_W25Q128FV, I2C1_*, BARO_I2C_INSTANCE and MAG_I2C_INSTANCE, UART2_*, UART3_RX_PIN, ADC_VBAT_PIN, LED0_PIN, BEEPER_PIN, BEEPER_INVERTED,
 //! GYRO_1_ALIGN. It names no ports for receivers and vision: which are taken is ours. Crystal and divider are Betaflight's
 //! defaults, which the file leaves. Boards sold with an MPU-6000 in the place of the ICM-42688-P are
 //! driven too, those with a BMP280 not.
@@ -37,7 +38,7 @@ use embassy_stm32::flash::{Bank1Region3, Blocking as StoreMode, Flash};
 use embassy_stm32::gpio::{AnyPin, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::i2c::{self, I2c};
 use embassy_stm32::peripherals::USB_OTG_FS;
-use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH1, DMA1_CH2, DMA1_CH4, DMA1_CH5, DMA1_CH7};
+use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH1, DMA1_CH2, DMA1_CH3, DMA1_CH4, DMA1_CH5, DMA1_CH6, DMA1_CH7};
 use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH1, DMA2_CH3, DMA2_CH4, DMA2_CH5};
 use embassy_stm32::peripherals::{DMA2_CH2, DMA2_CH7, USART1};
 use embassy_stm32::peripherals::{I2C1, IWDG, PB8, PB9, PC0, TIM1, TIM8, UART4, USART2, USART3};
@@ -62,12 +63,14 @@ use super::{
     usb_config,
 };
 use crate::gnss;
+use crate::log_bus::{self, LogBus};
 use crate::motors::Protocol;
 
 /// The board's name, for the log.
 pub(crate) const NAME: &str = "Foxeer F722 V4";
-/// Whether there is a slot for a card, for the flight log.
-pub(crate) const HAS_SLOT: bool = false;
+/// Whether the flight log may be on a card, and in a flash chip.
+pub(crate) const LOG_ON_CARD: bool = false;
+pub(crate) const LOG_ON_FLASH: bool = true;
 /// What the speed controllers are sent.
 pub(crate) const PROTOCOL: Protocol = Protocol::DShot600;
 /// Battery voltage over pin voltage.
@@ -103,8 +106,10 @@ bind_interrupts!(pub(crate) struct Irqs {
     DMA1_STREAM0 => dma::InterruptHandler<DMA1_CH0>;
     DMA1_STREAM1 => dma::InterruptHandler<DMA1_CH1>;
     DMA1_STREAM2 => dma::InterruptHandler<DMA1_CH2>;
+    DMA1_STREAM3 => dma::InterruptHandler<DMA1_CH3>;
     DMA1_STREAM4 => dma::InterruptHandler<DMA1_CH4>;
     DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
+    DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
     DMA1_STREAM7 => dma::InterruptHandler<DMA1_CH7>;
     DMA2_STREAM0 => dma::InterruptHandler<DMA2_CH0>;
     DMA2_STREAM1 => dma::InterruptHandler<DMA2_CH1>;
@@ -168,7 +173,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
     let (rate, up) = (Hertz(PROTOCOL.timer_hz()), CountingMode::EdgeAlignedUp);
     let first = SimplePwm::new(p.TIM1, Some(m2), Some(m1), None, None, rate, up);
     let second = SimplePwm::new(p.TIM8, None, None, Some(m4), Some(m3), rate, up);
-    let gnss = Uart::new(p.UART4, p.PA1, p.PA0, p.DMA1_CH4, p.DMA1_CH2, Irqs, line_config(ubx::BAUD));
+    let gnss = Uart::new(p.USART2, p.PA3, p.PA2, p.DMA1_CH6, p.DMA1_CH5, Irqs, line_config(ubx::BAUD));
     let (bitten, browned_out) = take_causes();
     Board {
         motors: MotorPins {
@@ -188,7 +193,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
         ),
         imu_select: Output::new(p.PB2, Level::High, Speed::VeryHigh),
         imu_ready: ExtiInput::new(p.PC4, p.EXTI4, Pull::Down, Irqs),
-        radio: UartRx::new(p.USART2, p.PA3, p.DMA1_CH5, Irqs, line_config(crsf::BAUD))
+        radio: UartRx::new(p.UART4, p.PA1, p.DMA1_CH2, Irqs, line_config(crsf::BAUD))
             .expect("the baud rate is within the port's range")
             .into_ring_buffered(&mut buffers.radio),
         sensors: SensorPins { i2c: p.I2C1, clock: p.PB8, data: p.PB9, to: p.DMA1_CH7, from: p.DMA1_CH0 },
@@ -201,7 +206,10 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
             .split(),
         usb: usb::Driver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, &mut buffers.usb, usb_config()),
         store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region3),
-        card: None,
+        log_bus: Some(LogBus::new(
+            Spi::new(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH4, p.DMA1_CH3, Irqs, log_bus::config()),
+            Output::new(p.PB12, Level::High, Speed::Low),
+        )),
         battery: Gauge { converter: p.ADC1, voltage: p.PC0, stream: p.DMA2_CH4 },
         status: Output::new(p.PC15, Level::High, Speed::Low),
         buzzer: Output::new(p.PA4, Level::Low, Speed::Low),

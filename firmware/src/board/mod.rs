@@ -20,8 +20,8 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use firmware::icm42688::Mount;
 use firmware::stored::Stored;
 
-use crate::card::Slot;
 use crate::gnss;
+use crate::log_bus::LogBus;
 
 mod bank;
 mod ear;
@@ -45,8 +45,8 @@ pub(crate) use ear::heard;
 pub(crate) use gauge::Gauge;
 
 pub(crate) use chosen::{
-    BATTERY_DIVIDER, HAS_SLOT, IMU_MOUNT, MotorEar, MotorPins, NAME, PROTOCOL, STATUS_ON, SensorBus, SensorPins, init,
-    start_control_executor,
+    BATTERY_DIVIDER, IMU_MOUNT, LOG_ON_CARD, LOG_ON_FLASH, MotorEar, MotorPins, NAME, PROTOCOL, STATUS_ON, SensorBus,
+    SensorPins, init, start_control_executor,
 };
 
 /// Time after which the watchdog resets the chip, without a step that took no longer than the law can be flown with, µs.
@@ -84,8 +84,8 @@ pub(crate) struct Board {
     pub(crate) usb: UsbPort,
     /// Where parameters are stored.
     pub(crate) store: Store,
-    /// The slot for a card, if it has one.
-    pub(crate) card: Option<Slot>,
+    /// The bus of what the flight log is on, if it has one.
+    pub(crate) log_bus: Option<LogBus>,
     /// The battery's lines.
     pub(crate) battery: Gauge,
     /// The status LED.

@@ -71,8 +71,9 @@ use crate::motors::Protocol;
 
 /// The board's name, for the log.
 pub(crate) const NAME: &str = "Orbit H743";
-/// Whether there is a slot for a card, for the flight log.
-pub(crate) const HAS_SLOT: bool = false;
+/// Whether the flight log may be on a card, and in a flash chip.
+pub(crate) const LOG_ON_CARD: bool = false;
+pub(crate) const LOG_ON_FLASH: bool = false;
 /// What the speed controllers are sent.
 pub(crate) const PROTOCOL: Protocol = Protocol::DShot600;
 /// Battery voltage over pin voltage.
@@ -211,7 +212,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
             .split(),
         usb: usb::Driver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, &mut buffers.usb, usb_config()),
         store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank2_region),
-        card: None,
+        log_bus: None,
         battery: Gauge { converter: Adc::new(p.ADC1), voltage: p.PC0, stream: p.DMA2_CH2 },
         status: Output::new(p.PE3, Level::High, Speed::Low),
         buzzer: Output::new(p.PC15, Level::Low, Speed::Low),

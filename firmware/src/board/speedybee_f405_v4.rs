@@ -14,7 +14,7 @@
 //! | vision           | PA10                     | USART1; DMA2 stream 2                               |
 //! | station          | PC10, PC11               | USART3; DMA1 streams 3 and 1                        |
 //! | USB              | PA11, PA12               | OTG_FS                                              |
-//! | microSD card     | PC14, PB3 … PB5          | SPI3; DMA1 streams 7 and 0, in turn with I2C1       |
+//! | microSD card, or a flash chip in its place | PC14, PB3 … PB5 | SPI3; DMA1 streams 7 and 0, in turn with I2C1       |
 //! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11; DMA2 stream 4      |
 //! | status LED       | PC13, low is on          | GPIO                                                |
 //! | buzzer           | PC15, high sounds     | GPIO                                                |
@@ -61,14 +61,15 @@ use super::{
     Board, Buffers, STATION_BAUD, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensor_bus, store,
     usb_config,
 };
-use crate::card::Slot;
 use crate::gnss;
+use crate::log_bus::{self, LogBus};
 use crate::motors::Protocol;
 
 /// The board's name, for the log.
 pub(crate) const NAME: &str = "SpeedyBee F405 V4";
-/// Whether there is a slot for a card, for the flight log.
-pub(crate) const HAS_SLOT: bool = true;
+/// Whether the flight log may be on a card, and in a flash chip, which a builder may put there.
+pub(crate) const LOG_ON_CARD: bool = true;
+pub(crate) const LOG_ON_FLASH: bool = true;
 /// What the speed controllers are sent.
 pub(crate) const PROTOCOL: Protocol = Protocol::DShot600;
 /// Battery voltage over pin voltage.
@@ -202,12 +203,12 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
             .split(),
         usb: usb::Driver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, &mut buffers.usb, usb_config()),
         store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region3),
-        card: {
-            // SAFETY: of the two buses that have these streams, who has `card::TURN` alone uses them.
+        log_bus: {
+            // SAFETY: of the two buses that have these streams, who has `log_bus::TURN` alone uses them.
             let shared = unsafe { Peripherals::steal() };
             let (to, from) = (shared.DMA1_CH7, shared.DMA1_CH0);
-            let bus = Spi::new(p.SPI3, p.PB3, p.PB5, p.PB4, to, from, Irqs, embassy_stm32::spi::Config::default());
-            Some(Slot::new(bus, Output::new(p.PC14, Level::High, Speed::Low)))
+            let bus = Spi::new(p.SPI3, p.PB3, p.PB5, p.PB4, to, from, Irqs, log_bus::config());
+            Some(LogBus::new(bus, Output::new(p.PC14, Level::High, Speed::Low)))
         },
         battery: Gauge { converter: p.ADC1, voltage: p.PC0, stream: p.DMA2_CH4 },
         status: Output::new(p.PC13, Level::High, Speed::Low),

@@ -1,0 +1,91 @@
+//! The flight log in a flash chip, where a board has no card: what it writes is decided again by `sim-host replay`; what power that fails, a
+//! chip that is slow, full or of somebody else do to it, and to nothing else.
+//!
+//! Needs cmake and libclang (`cargo xtask setup`), and so a feature: `cargo test --features emulated --test emulated_log_flash`.
+use sim_host::emulator::Mishap;
+use system_tests::aloft::{Aloft, ByHand, SAMPLE_HZ};
+use system_tests::log_flash::LogFlash;
+use system_tests::logged::{assert_on_time, read, stand, whole};
+use system_tests::sim_host;
+
+fn on_the_ground(flash: &LogFlash) -> Aloft {
+    Aloft::prepared(|emulator| emulator.solder_log_flash(flash.path()))
+}
+
+/// Flies by hand until `until_s`; what the image logs meanwhile.
+fn fly(aloft: &mut Aloft, until_s: f64) -> String {
+    let (mut pilot, mut log) = (ByHand::default(), String::new());
+    while aloft.time_s() < until_s {
+        aloft.step(&pilot.hands(aloft.time_s(), &aloft.truth()));
+        log += &aloft.answer.log;
+    }
+    log
+}
+
+#[test]
+fn a_flight_is_decided_again_from_the_chip_and_power_that_fails_aloft_leaves_all_but_the_last_pages() {
+    let flash = LogFlash::blank();
+    let mut aloft = on_the_ground(&flash);
+    let log = aloft.answer.log.clone() + &fly(&mut aloft, 10.0);
+    assert!(log.contains("the flight log is in the log flash, block"), "{log}");
+    assert_on_time(&log.replace("INFO", "\nINFO"), 8);
+    assert!(aloft.truth().altitude_m() > 1.0);
+    let steps = aloft.answer.record.expect("it has stepped").step;
+    aloft.inflict(Mishap::PowerCut);
+    let log = stand(&mut aloft, 11.5);
+    assert!(log.contains("the flight log is in the log flash, block"), "{log}");
+    let all = read(&flash.log());
+    let [flown, after] = &all[..] else { panic!("{} logs", all.len()) };
+    println!("{} of {steps} steps and {}, {:?}", flown.steps, after.steps, flown.damage);
+    println!("{} bytes of log", flash.log().len());
+    // What had not filled a block, and what waited.
+    assert!((u64::from(steps - SAMPLE_HZ / 10)..=u64::from(steps)).contains(&flown.steps));
+    assert!(flown.gaps.is_empty() && flown.damage.len() <= 1 && u64::from(flown.verdict.commands) == flown.steps);
+    assert!(whole(after) > u64::from(SAMPLE_HZ));
+
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("FLIGHT.LOG");
+    std::fs::write(&file, flash.log()).expect("written");
+    let [file, out] = [&file, folder.path()].map(|path| path.to_string_lossy().into_owned());
+    let output = sim_host(&["replay", &file, "--start", "1", "--out", &out]);
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success() && text.contains("\nno bit differs\n"), "{text}{output:?}");
+    assert!(text.contains("in the air\n"), "{text}");
+}
+
+#[test]
+fn a_chip_that_takes_the_longest_that_is_allowed_for_every_page_costs_no_step_and_nothing_of_the_log() {
+    let flash = LogFlash::blank();
+    let mut aloft = Aloft::prepared(|emulator| {
+        emulator.solder_log_flash(flash.path());
+        emulator.set_log_busy(3_000, 0, 0);
+    });
+    let log = stand(&mut aloft, 4.0);
+    assert_on_time(&log, 3);
+    let log = flash.log();
+    // It may be within the last block.
+    let told = read(&log[..log.len() - 512]).remove(0);
+    assert!(whole(&told) > u64::from(3 * SAMPLE_HZ));
+}
+
+#[test]
+fn a_chip_that_is_full_or_somebody_elses_is_told_and_left_as_it_is() {
+    // Room for less than a second.
+    let mut blocks = vec![0; (16 << 20) - 100 * 512];
+    for (full, content) in [
+        (true, {
+            blocks[..2].copy_from_slice(b"QF");
+            &blocks[..]
+        }),
+        (false, &b"Blackbox"[..]),
+    ] {
+        let flash = LogFlash::filled(content);
+        let log = stand(&mut on_the_ground(&flash), 3.0);
+        assert_eq!(log.matches("no flight log: the log flash is full").count(), 1, "{log}");
+        assert_on_time(&log, 1);
+        assert_eq!(flash.log().len(), if full { 16 << 20 } else { 512 });
+        if full {
+            whole(&read(&flash.log()[content.len()..])[0]);
+        }
+    }
+}
