@@ -25,6 +25,7 @@ mod params;
 mod replay;
 mod sensors;
 mod station;
+mod station_log;
 mod suite;
 mod through;
 

@@ -10,6 +10,8 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
+mod flight_log;
+
 /// How long an answer may take.
 pub const PATIENCE: Duration = Duration::from_secs(1);
 /// How long a board may say nothing of itself, which it does ten times a second, before it counts as gone.
@@ -61,6 +63,9 @@ pub enum StationError {
     /// The board's control loop does not run.
     #[error("refused: the board's control loop does not run; its log says why")]
     Unheard,
+    /// No log can be had over the line.
+    #[error("refused: {0}")]
+    Log(&'static str),
     /// The flash is worn out.
     #[error("{0}: the board's flash has failed")]
     Flash(String),
@@ -320,7 +325,7 @@ mod tests {
             ToBoard::SetParameter(name, _) => about(name, 1.5, Outcome::OutOfRange),
             ToBoard::GetParameter(name) => about(name, f32::NAN, Outcome::Unknown),
             ToBoard::Order(_) => vec![FromBoard::Ordered(Verdict::Unheard)],
-            ToBoard::VisionPose(_) => vec![],
+            ToBoard::VisionPose(_) | ToBoard::Log(_) => vec![],
         }
     }
 

@@ -1,5 +1,6 @@
 //! `sim-host station`: a board's parameters, how it is, and its rotors on the bench.
 use super::params::table;
+use super::station_log::{LogCommand, log};
 use super::{Failure, say};
 use crate::station::{LOST, Station, StationError};
 use clap::{Args, Subcommand};
@@ -63,6 +64,9 @@ enum Command {
     },
     /// Find out which rotor answers to which command: it must stand on its feet, propellers on, nobody near.
     WiringCheck,
+    /// List, fetch or erase the flight logs in the board's flash chip.
+    #[command(subcommand)]
+    Log(LogCommand),
     /// Start the board anew, so that what was set flies.
     Restart,
 }
@@ -88,6 +92,7 @@ pub(super) fn station(args: &StationArgs) -> Result<(), Failure> {
         Command::Watch { seconds } => watch(&mut station, *seconds),
         Command::MotorTest { rotor, throttle, seconds } => test_motors(&mut station, *rotor, *throttle, *seconds),
         Command::WiringCheck => check_wiring(&mut station),
+        Command::Log(command) => log(&mut station, command),
         Command::Restart => {
             station.order(Order::Restart)?;
             station.wait_for_restart()?;
