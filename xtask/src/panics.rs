@@ -1,95 +1,31 @@
-//! What the control task can reach in the flight image that panics.
+//! What the control task, and what interrupts it, can reach in the flight image that panics.
 //!
 //! ```text
-//! disassembly ─► who calls whom ─► all that the control task's poll reaches ─► its calls into core's panics ─► ALLOWED, or refused
+//! disassembly ─► who calls whom ─► all that the control task's poll reaches, ─► its calls into core's panics ─► ALLOWED, or refused
+//!                                  and the handlers in the vector table
 //! ```
 //!
-//! What panics has the place in the source at hand as a constant, a `core::panic::Location`: that is the place printed. A function of
-//! `control-core` that nobody calls by name is called through a pointer, and is a root too. Other calls through pointers are listed by
+//! What panics has the place in the source at hand as a constant, a `core::panic::Location`: that is the place printed. A panic of `defmt`
+//! logs its message first, an interned string whose number is a constant: printed are the package and that. A function of `control-core` that nobody calls by name is called through a pointer, and is a root too. Other calls through pointers are listed by
 //! [`INDIRECT`], with where they lead.
 use crate::workspace::Workspace;
+use allowed::{ALLOWED, Allowed, INDIRECT};
 use anyhow::{Context, Result, bail, ensure};
-use object::{Object, ObjectSection};
+use object::{Object, ObjectSection, ObjectSymbol};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use xshell::cmd;
 
-/// A panic that may stay: how its place and its kind begin, and why it is not taken. Where no place is at hand it is the function.
-struct Allowed {
-    place: &'static str,
-    panic: &'static str,
-    why: &'static str,
-}
+mod allowed;
 
-const ALLOWED: [Allowed; 12] = [
-    Allowed {
-        place: "",
-        panic: "core::panicking::panic_const::panic_const_async_fn_resumed",
-        why: "something that has ended is polled again: the executor polls no task that has ended, and await nothing",
-    },
-    Allowed {
-        place: "defmt-rtt/src/lib.rs",
-        panic: "core::panicking::panic_fmt",
-        why: "a log line within another: lines are written with interrupts masked, and none formats what logs",
-    },
-    Allowed {
-        place: "embassy-executor/src/raw/waker.rs",
-        panic: "core::panicking::panic_fmt",
-        why: "a waker that is not the executor's: all are",
-    },
-    Allowed {
-        place: "embassy-futures/src/join.rs",
-        panic: "",
-        why: "the result of a future taken twice: a join ends once",
-    },
-    Allowed {
-        place: "embassy-stm32/src/",
-        panic: "",
-        why: "a stream, line or channel beyond the chip's, or a bus without its streams: types and `init` fix them, and the first \
-              exchange would fail, before a motor can turn",
-    },
-    Allowed { place: "embassy_stm32::dma::", panic: "", why: "the same" },
-    Allowed {
-        place: "embassy_executor::raw::TaskStorage",
-        panic: "_defmt_panic",
-        why: "the same, inlined: the lengths of bursts are constants; of this project's own, only what starts the board calls it",
-    },
-    Allowed { place: "stm32-metapac/src/", panic: "", why: "a register's field beyond its last: the same" },
-    Allowed {
-        place: "embassy-time/src/instant.rs",
-        panic: "core::option::expect_failed",
-        why: "64 bits of microseconds overflow after 584,000 years",
-    },
-    Allowed {
-        place: "embassy_stm32::spi::compute_baud_rate",
-        panic: "_defmt_panic",
-        why: "a bus that is to be faster than its clock: no board's clock is so slow, and the first setting would fail, before a motor can \
-              turn",
-    },
-    Allowed { place: "embassy_stm32::_generated", panic: "_defmt_panic", why: "a bus without a clock: the same" },
-    Allowed {
-        place: "heapless/src/spsc.rs",
-        panic: "core::panicking::panic_const::panic_const_rem_by_zero",
-        why: "a queue without a place: it has five",
-    },
-];
-
-/// Functions that call through pointers, and where these lead.
-const INDIRECT: [(&str, &str); 7] = [
-    ("control_core::arming::Facts::failing", "the conditions of the table of checks: roots of their own"),
-    ("control_core::autopilot::Autopilot::watch", "the conditions of the failsafe table: roots of their own"),
-    ("_$LT$embassy_stm32..dma..dma_bdma..Transfer", "wakers: the executor's"),
-    ("_embassy_time_schedule_wake", "wakers: the executor's"),
-    ("embassy_executor::raw::TaskStorage", "wakers: the executor's"),
-    ("embassy_time_queue_utils::Queue::next_expiration", "wakers: the executor's"),
-    ("embassy_sync::waitqueue::atomic_waker::AtomicWaker", "wakers: the executor's"),
-];
+/// Where a panic of `defmt` goes, its message being logged.
+const DEFMT_PANIC: &str = "_defmt_panic";
 
 /// Instructions before a call in which the place of its panic is loaded.
 const LOADED_WITHIN: usize = 12;
 
 /// A call into what panics.
-#[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Site {
     place: String,
     panic: String,
@@ -103,7 +39,7 @@ pub(crate) fn check(workspace: &Workspace, elf: &Path) -> Result<()> {
     let objdump = Path::new(&sysroot).join("lib/rustlib").join(host).join("bin/llvm-objdump");
     let code = cmd!(workspace.shell, "{objdump} --disassemble --demangle --no-show-raw-insn {elf}").quiet().read()?;
     let file = workspace.shell.read_binary_file(elf)?;
-    let image = Image::read(&code, &Constants::new(&file)?);
+    let image = Image::read(&code, &Constants::new(&file)?, &vectors(&file)?);
     let (sites, pointers) = image.reach()?;
     let mut used = BTreeSet::new();
     let mut refused = Vec::new();
@@ -118,11 +54,19 @@ pub(crate) fn check(workspace: &Workspace, elf: &Path) -> Result<()> {
             refused.push(format!("a call through a pointer in {name}"));
         }
     }
-    println!("the control task reaches {} places that panic, all of which are excluded by:", sites.len());
+    println!(
+        "the control task and the {} interrupts reach {} places that panic, all of which are excluded by:",
+        image.handlers.len(),
+        sites.len()
+    );
     for Allowed { place, panic, why } in used.into_iter().map(|n| &ALLOWED[n]) {
         println!("  {place} {panic}: {why}");
     }
-    ensure!(refused.is_empty(), "the control task reaches (xtask/src/panics.rs):\n{}", refused.join("\n"));
+    ensure!(
+        refused.is_empty(),
+        "the control task, or an interrupt, reaches (xtask/src/panics.rs):\n{}",
+        refused.join("\n")
+    );
     Ok(())
 }
 
@@ -135,6 +79,8 @@ impl Site {
 /// The image's constants, for the places of panics.
 struct Constants<'a> {
     sections: Vec<(u64, &'a [u8])>,
+    /// Package and message of each of `defmt`'s panics, by the number of its string.
+    messages: BTreeMap<u32, Site>,
 }
 
 impl<'a> Constants<'a> {
@@ -144,7 +90,20 @@ impl<'a> Constants<'a> {
         for section in file.sections().filter(|section| section.name() == Ok(".rodata")) {
             sections.push((section.address(), section.data()?));
         }
-        Ok(Self { sections })
+        let mut messages = BTreeMap::new();
+        for symbol in file.symbols() {
+            // The name is an object of JSON.
+            let field = |name: &str, end: &str| {
+                let (_, rest) = symbol.name().ok()?.split_once(&format!("\"{name}\":\""))?;
+                Some(rest.split_once(end)?.0.to_owned())
+            };
+            if let (Some(package), Some(message)) = (field("package", "\""), field("data", "\",\"disambiguator\""))
+                && (message.starts_with("panicked at") || message.starts_with("Unwrap of"))
+            {
+                messages.insert(u32::try_from(symbol.address())?, Site { place: package, panic: message });
+            }
+        }
+        Ok(Self { sections, messages })
     }
 
     fn bytes(&self, address: u32, length: usize) -> Option<&'a [u8]> {
@@ -173,19 +132,34 @@ impl<'a> Constants<'a> {
     }
 }
 
+/// The addresses of the handlers in the vector table, but for the reset's, the hard fault's and that of what nobody handles, the NMI's too:
+/// after these nothing is flown.
+fn vectors(elf: &[u8]) -> Result<BTreeSet<u32>> {
+    let file = object::File::parse(elf)?;
+    let table = file.section_by_name(".vector_table").context("there is no vector table")?;
+    let words: Vec<u32> = table.data()?.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word) & !1).collect();
+    let [_, _, unhandled, hard_fault, ..] = words[..] else { bail!("a vector table of {} words", words.len()) };
+    Ok(words.into_iter().skip(4).filter(|&word| word != 0 && word != unhandled && word != hard_fault).collect())
+}
+
 /// A function: what it calls by name, whether it calls through a pointer, and the places it has at hand where it calls.
 #[derive(Default)]
 struct Function {
     calls: Vec<(String, Option<String>)>,
     pointers: bool,
+    /// What it says where it panics by `defmt`.
+    messages: Vec<Site>,
 }
 
 struct Image {
     functions: BTreeMap<String, Function>,
+    /// Those that interrupts call.
+    handlers: BTreeSet<String>,
 }
 
 impl Image {
-    fn read(code: &str, constants: &Constants) -> Self {
+    fn read(code: &str, constants: &Constants, vectors: &BTreeSet<u32>) -> Self {
+        let mut handlers = BTreeSet::new();
         let mut functions: BTreeMap<String, Function> = BTreeMap::new();
         let mut name = String::new();
         // Halves of the constants that the last instructions have loaded, by register.
@@ -193,6 +167,9 @@ impl Image {
         for line in code.lines() {
             if let Some(header) = line.strip_suffix(">:").and_then(|line| line.split_once(" <")) {
                 header.1.clone_into(&mut name);
+                if u32::from_str_radix(header.0, 16).is_ok_and(|address| vectors.contains(&address)) {
+                    handlers.insert(name.clone());
+                }
                 functions.entry(name.clone()).or_default();
                 loaded.clear();
                 continue;
@@ -210,6 +187,12 @@ impl Image {
                         && let Ok(value) = u32::from_str_radix(value.trim(), 16)
                     {
                         loaded.push((register, if stem == "movt" { value << 16 } else { value }));
+                        if stem == "movt"
+                            && let Some(number) = constant(&loaded)
+                            && let Some(message) = constants.messages.get(&number)
+                        {
+                            function.messages.push(message.clone());
+                        }
                         let kept = loaded.len().saturating_sub(LOADED_WITHIN);
                         loaded.drain(..kept);
                     }
@@ -226,10 +209,10 @@ impl Image {
                 _ => {}
             }
         }
-        Self { functions }
+        Self { functions, handlers }
     }
 
-    /// The calls into what panics that the control task reaches, and the functions on the way that call through pointers.
+    /// The calls into what panics that the control task and the interrupts reach, and the functions on the way that call through pointers.
     fn reach(&self) -> Result<(BTreeSet<Site>, BTreeSet<String>)> {
         let polls = self.functions.keys().filter(|name| name.contains("TaskStorage") && name.contains("::poll::"));
         let control: Vec<&str> =
@@ -239,13 +222,18 @@ impl Image {
             self.functions.values().flat_map(|f| f.calls.iter().map(|(name, _)| name.as_str())).collect();
         let by_pointer =
             self.functions.keys().map(String::as_str).filter(|name| is_core(name) && !called.contains(name));
-        let reached = self.walk(std::iter::once(control).chain(by_pointer));
+        let handlers = self.handlers.iter().map(String::as_str);
+        let reached = self.walk(std::iter::once(control).chain(by_pointer).chain(handlers));
         let (mut sites, mut pointers) = (BTreeSet::new(), BTreeSet::new());
         for name in reached {
             let function = &self.functions[name];
             for (panic, place) in function.calls.iter().filter(|(callee, _)| panics(callee)) {
-                let place = place.clone().unwrap_or_else(|| name.to_owned());
-                sites.insert(Site { place, panic: panic.clone() });
+                if panic == DEFMT_PANIC && !function.messages.is_empty() {
+                    sites.extend(function.messages.iter().cloned());
+                } else {
+                    let place = place.clone().filter(|_| panic != DEFMT_PANIC).unwrap_or_else(|| name.to_owned());
+                    sites.insert(Site { place, panic: panic.clone() });
+                }
             }
             if function.pointers {
                 pointers.insert(name.to_owned());
@@ -277,6 +265,12 @@ fn target(operands: &str) -> Option<&str> {
     Some(name.rsplit_once("+0x").map_or(name, |(name, _)| name))
 }
 
+/// The constant whose upper half was loaded last.
+fn constant(loaded: &[(&str, u32)]) -> Option<u32> {
+    let (&(register, upper), before) = loaded.split_last()?;
+    before.iter().rev().find_map(|&(other, lower)| (other == register).then_some(upper | lower))
+}
+
 /// The last place among the constants that are loaded.
 fn place(loaded: &[(&str, u32)], constants: &Constants) -> Option<String> {
     loaded.iter().enumerate().rev().find_map(|(n, &(register, half))| {
@@ -293,7 +287,7 @@ fn panics(name: &str) -> bool {
         "core::cell::panic",
         "core::slice::",
         "core::str::",
-        "_defmt_panic",
+        DEFMT_PANIC,
         "rust_begin_unwind",
     ];
     PANICS.iter().any(|panic| name.starts_with(panic))
@@ -311,19 +305,22 @@ fn is_step(name: &str) -> bool {
 mod tests {
     use super::*;
 
-    /// The control task's poll, with a function that it calls; a location at 0x1000 of a file named at 0x1010.
+    /// The control task's poll, with a function that it calls.
+    const CONTROL: &str = "08000000 <embassy_executor::raw::TaskStorage$LT$F$GT$::poll::h1>:\n 8000000:      \tbl\t0x8000100 \
+         <control_core::flight::Flight::decide::h2> @ imm = #0x100\n\n\
+         08000100 <control_core::flight::Flight::decide::h2>:\nSTEP 8000110:      \tbx\tlr\n";
+
+    /// The same; a location at 0x1000 of a file named at 0x1010, and a message of the number 0x7a.
     fn image(step: &str) -> Image {
-        let code = format!(
-            "08000000 <embassy_executor::raw::TaskStorage$LT$F$GT$::poll::h1>:\n 8000000:      \tbl\t0x8000100 \
-             <control_core::flight::Flight::decide::h2> @ imm = #0x100\n\n\
-             08000100 <control_core::flight::Flight::decide::h2>:\n{step} 8000110:      \tbx\tlr\n"
-        );
+        let code = CONTROL.replace("STEP", step);
         let mut rodata = Vec::new();
         for word in [0x1010_u32, 17, 7, 1] {
             rodata.extend(word.to_le_bytes());
         }
         rodata.extend(b"core-1.2/src/a.rs");
-        Image::read(&code, &Constants { sections: vec![(0x1000, &rodata)] })
+        let message = Site { place: "hal".to_owned(), panic: "panicked at 'no'".to_owned() };
+        let messages = BTreeMap::from([(0x7a, message)]);
+        Image::read(&code, &Constants { sections: vec![(0x1000, &rodata)], messages }, &BTreeSet::new())
     }
 
     #[test]
@@ -338,6 +335,27 @@ mod tests {
     }
 
     #[test]
+    fn a_panic_of_defmt_is_known_by_what_it_says() {
+        let panics = " 8000104:      \tmovw\tr0, #0x7a\n 8000108:      \tmovt\tr0, #0x0\n 800010c:      \tbl\t0x8000200 \
+                      <_defmt_panic> @ imm = #0xf0\n";
+        let (sites, _) = image(panics).reach().unwrap();
+        let site = Site { place: "hal".to_owned(), panic: "panicked at 'no'".to_owned() };
+        assert_eq!(sites.into_iter().collect::<Vec<_>>(), [site]);
+    }
+
+    #[test]
+    fn what_interrupts_reach_counts_and_other_tasks_do_not() {
+        let panics = " 8000304:      \tbl\t0x8000200 <core::panicking::panic> @ imm = #0xf0\n";
+        let code = format!("{}08000300 <EXTI4>:\n{panics}", CONTROL.replace("STEP", ""));
+        let found = |vectors: &[u32]| {
+            let vectors = vectors.iter().copied().collect();
+            let constants = Constants { sections: Vec::new(), messages: BTreeMap::new() };
+            Image::read(&code, &constants, &vectors).reach().unwrap().0.len()
+        };
+        assert_eq!((found(&[0x0800_0300]), found(&[])), (1, 0));
+    }
+
+    #[test]
     fn a_call_through_a_pointer_is_found_and_a_return_is_none() {
         let (_, pointers) = image(" 8000104:      \tblx\tr3\n").reach().unwrap();
         assert_eq!(pointers.into_iter().collect::<Vec<_>>(), ["control_core::flight::Flight::decide::h2"]);
@@ -345,7 +363,11 @@ mod tests {
 
     #[test]
     fn an_image_without_a_control_task_is_refused() {
-        let image = Image::read("08000000 <main>:\n", &Constants { sections: Vec::new() });
+        let image = Image::read(
+            "08000000 <main>:\n",
+            &Constants { sections: Vec::new(), messages: BTreeMap::new() },
+            &BTreeSet::new(),
+        );
         assert!(image.reach().is_err());
     }
 }
