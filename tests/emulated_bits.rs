@@ -138,6 +138,37 @@ fn over_the_roll_over_of_the_clock_and_after_ten_hours_the_image_decides_as_a_ho
 }
 
 #[test]
+#[ignore = "a long job: as many hours of the board's clock as HOURS says, or ten, which take about as long"]
+fn for_hours_aloft_the_image_decides_as_the_host() {
+    let hours = std::env::var("HOURS").map_or(10.0, |hours| hours.parse().expect("HOURS is a number"));
+    let (mut aloft, mut host, mut pilot) = (Aloft::on_the_ground(), Host::default(), ByHand::default());
+    let (mut tells, mut strays_m) = (String::new(), [0.0_f64; 2]);
+    while aloft.time_s() < hours * 3_600.0 {
+        let (t_s, truth) = (aloft.time_s(), aloft.truth());
+        // Held at 1.5 m for good, by one who sees where its nose points.
+        let hands = pilot.hands(t_s.min(16.0), &truth);
+        let (sin, cos) = truth.attitude[(1, 0)].atan2(truth.attitude[(0, 0)]).sin_cos();
+        let (roll, pitch) = (hands.roll * cos - hands.pitch * sin, hands.roll * sin + hands.pitch * cos);
+        aloft.step(&Hands { roll, pitch, ..hands });
+        if let Some(record) = aloft.answer.record.filter(|record| record.step > host.last) {
+            host.follow(&record);
+        }
+        if aloft.answer.log.contains("steps ") {
+            tells.clone_from(&aloft.answer.log);
+        }
+        if t_s > 16.0 {
+            let place = truth.position_m;
+            strays_m[0] = strays_m[0].max(place.x.hypot(place.y));
+            strays_m[1] = strays_m[1].max((truth.altitude_m() - 1.5).abs());
+        }
+    }
+    println!("{hours} h: {} steps, strays {strays_m:.2?} m; {tells}", host.last);
+    assert!(f64::from(host.last) > 3_590.0 * hours * f64::from(SAMPLE_HZ), "{} steps", host.last);
+    assert!(tells.contains("late 0, blind 0"), "{tells}");
+    assert!(strays_m[0] < 2.0 && strays_m[1] < 0.5, "{strays_m:?} m");
+}
+
+#[test]
 fn with_its_rotors_running_thrown_about_and_told_anything_it_decides_as_the_host_would() {
     let (mut emulator, mut host) = (Emulator::start().expect("emulator and image build"), Host::default());
     let (mut noise, mut garbage) = (Noise::new(7), Garbage(7));
