@@ -2,8 +2,10 @@
 //! chip that is slow, full or of somebody else do to it, and to nothing else.
 //!
 //! Needs cmake and libclang (`cargo xtask setup`), and so a feature: `cargo test --features emulated --test emulated_log_flash`.
-use sim_host::emulator::Mishap;
-use system_tests::aloft::{Aloft, ByHand, SAMPLE_HZ};
+use flight_link::{FromBoard, LogRefusal, LogWish, ToBoard};
+use sim_host::emulator::{Mishap, Served};
+use system_tests::aloft::{Aloft, ByHand, Hands, SAMPLE_HZ};
+use system_tests::card::Card;
 use system_tests::log_flash::LogFlash;
 use system_tests::logged::{assert_on_time, read, stand, whole};
 use system_tests::sim_host;
@@ -87,5 +89,74 @@ fn a_chip_that_is_full_or_somebody_elses_is_told_and_left_as_it_is() {
         if full {
             whole(&read(&flash.log()[content.len()..])[0]);
         }
+    }
+}
+
+#[test]
+fn a_flight_is_fetched_over_the_station_line_and_decided_again_and_then_erased() {
+    let flash = LogFlash::blank();
+    fly(&mut on_the_ground(&flash), 7.5);
+    let flown = flash.log();
+    let board = Served::start(600, Some(flash.path())).expect("emulator and image build");
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("FLIGHT.LOG");
+    let [fetched, out] = [&file, folder.path()].map(|path| path.to_string_lossy().into_owned());
+    let told = |arguments: &[&str]| {
+        let output = sim_host(&[&["station", "--port", &board.line, "log"], arguments].concat());
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(output.status.success(), "{arguments:?}: {text}{output:?}");
+        text
+    };
+    let list = told(&["list"]);
+    assert!(
+        list.contains("1: 0.") && list.contains("being written\n") && list.contains("of 16.78 MB are written"),
+        "{list}"
+    );
+    println!("{list}{}", told(&["get", "--file", &fetched]));
+    // As it is in the chip, but for a block that was torn when power was cut.
+    let log = std::fs::read(&file).expect("written");
+    assert_eq!(log.len(), flown.len());
+    assert!(log == flown || log[..log.len() - 512] == flown[..log.len() - 512]);
+    let output = sim_host(&["replay", &fetched, "--out", &out]);
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success() && text.contains("\nno bit differs\n"), "{text}{output:?}");
+    assert!(text.contains("in the air\n"), "{text}");
+
+    assert_eq!(told(&["erase"]), "erased; the board has started anew\n");
+    let list = told(&["list"]);
+    assert!(list.contains("being written\n"), "{list}");
+    drop(board);
+    let all = read(&flash.log());
+    assert_eq!(all.last().expect("a log").gaps, [], "it begins with its first step");
+}
+
+#[test]
+fn a_log_is_neither_told_nor_erased_while_it_is_armed_nor_one_on_a_card() {
+    let ask = |aloft: &mut Aloft, arm: bool, wish: LogWish, until_s: f64| {
+        aloft.say(&ToBoard::Log(wish));
+        while aloft.time_s() < until_s {
+            aloft.step(&Hands { arm, ..Hands::default() });
+        }
+        let heard = aloft.heard().into_iter();
+        heard.filter(|record| matches!(record, FromBoard::LogRefused(_) | FromBoard::LogSize(_))).collect::<Vec<_>>()
+    };
+    let flash = LogFlash::blank();
+    let mut aloft = on_the_ground(&flash);
+    let [FromBoard::LogSize(size)] = ask(&mut aloft, false, LogWish::Size, 5.9)[..] else { panic!("no answer") };
+    assert_eq!((size.room, size.running), (32_768, 0));
+    stand_armed(&mut aloft, 6.5);
+    for (wish, until_s) in [(LogWish::Size, 6.6), (LogWish::Read(0, 9), 6.7), (LogWish::Erase, 6.8)] {
+        assert_eq!(ask(&mut aloft, true, wish, until_s), [FromBoard::LogRefused(LogRefusal::Armed)], "{wish:?}");
+    }
+    assert!(flash.log().len() > 6 * 20_000, "nothing was erased");
+
+    let mut aloft = Aloft::with_card(&Card::prepared());
+    assert_eq!(ask(&mut aloft, false, LogWish::Size, 2.0), [FromBoard::LogRefused(LogRefusal::Absent)]);
+}
+
+/// Stands with motors that idle.
+fn stand_armed(aloft: &mut Aloft, until_s: f64) {
+    while aloft.time_s() < until_s {
+        aloft.step(&Hands { arm: true, ..Hands::default() });
     }
 }

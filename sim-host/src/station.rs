@@ -293,7 +293,7 @@ mod tests {
     use std::thread;
 
     /// A serial line whose other end answers as `board` does; returns its name.
-    fn line(board: impl Fn(ToBoard) -> Vec<FromBoard> + Send + 'static) -> (String, TTYPort) {
+    pub(super) fn line(board: impl Fn(ToBoard) -> Vec<FromBoard> + Send + 'static) -> (String, TTYPort) {
         let (mut near, far) = TTYPort::pair().expect("a pair of ports");
         let name = far.name().expect("it has a name");
         near.set_timeout(Duration::from_millis(10)).expect("a timeout");

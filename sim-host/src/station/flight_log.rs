@@ -141,3 +141,64 @@ fn refused(why: LogRefusal) -> StationError {
         LogRefusal::Absent => "the board has no flight log in a flash chip; one on a card is read with the card",
     })
 }
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::super::tests::line;
+    use super::*;
+    use firmware::flight_log::{Block as Sealing, Kind};
+    use flight_link::VERSION;
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    /// Blocks of two logs with a torn one between them, and of a third that is being written.
+    fn blocks() -> Vec<Block> {
+        let log = |count| (0..count).map(|number| Sealing::new(Kind::Steps).sealed(number));
+        log(70).chain([[0x5a; BLOCK_BYTES]]).chain(log(3)).chain(log(2)).collect()
+    }
+
+    /// A board with these that loses one part in so many.
+    fn board(loses: u32) -> impl Fn(ToBoard) -> Vec<FromBoard> {
+        let (blocks, said) = (blocks(), AtomicU32::new(0));
+        move |record| match record {
+            ToBoard::Hello => vec![FromBoard::Hello(VERSION)],
+            ToBoard::Log(LogWish::Size) => {
+                let used = blocks.len() as u32;
+                vec![FromBoard::LogSize(LogSize { used, room: 99, running: used - 2 })]
+            }
+            ToBoard::Log(LogWish::Read(first, count)) => {
+                let parts = blocks.as_flattened().as_chunks::<PART_BYTES>().0;
+                let wished = (first * 4..(first + u32::from(count)) * 4).zip(&parts[first as usize * 4..]);
+                let kept = wished.filter(|_| !(said.fetch_add(1, Ordering::Relaxed) + 1).is_multiple_of(loses));
+                let rows = |part: &[u8; PART_BYTES]| *part.as_chunks().0.first_chunk().expect("four rows");
+                kept.map(|(number, part)| FromBoard::LogPart(LogPart { number, bytes: rows(part) })).collect()
+            }
+            ToBoard::Log(LogWish::Erase) => {
+                [2, 1, 0].map(|used| FromBoard::LogSize(LogSize { used, room: 99, running: used })).to_vec()
+            }
+            _ => vec![FromBoard::LogRefused(LogRefusal::Absent)],
+        }
+    }
+
+    #[test]
+    fn logs_are_found_and_fetched_whole_over_a_line_that_loses_one_part_in_fifty() {
+        let (name, _far) = line(board(50));
+        let mut station = Station::open(&name, 115_200).expect("it answers");
+        let (size, logs) = station.logs().expect("they are told");
+        assert_eq!((size.running, logs), (74, vec![0..71, 71..74, 74..76]));
+        let mut told = Vec::new();
+        let fetched = station.read_log(0..76, &mut |count| told.push(count)).expect("all comes");
+        assert!(fetched == blocks());
+        assert_eq!(told, [64, 76]);
+        let mut left = Vec::new();
+        station.erase_log(&mut |blocks| left.push(blocks)).expect("it is erased");
+        assert_eq!((left.first(), left.last()), (Some(&2), Some(&1)));
+    }
+
+    #[test]
+    fn a_line_that_loses_every_part_is_given_up() {
+        let (name, _far) = line(board(1));
+        let mut station = Station::open(&name, 115_200).expect("it answers");
+        let refused = station.read_log(0..2, &mut |_| {}).expect_err("nothing comes").to_string();
+        assert!(refused.starts_with("no answer within"), "{refused}");
+    }
+}
