@@ -59,14 +59,19 @@ impl Value {
     }
 }
 
-/// Compare values of the bits of one timer's motors, bit by bit, the motors within each. The last two rows are 0.
-pub type Waveform<const N: usize> = [[u16; N]; BITS];
+/// Compare values of the bits of one timer's motors, bit by bit, the motors within each; as wide as the timer. The last two rows are 0.
+pub type Waveform<W, const N: usize> = [[W; N]; BITS];
 
 /// Writes frames in place, but for the rows that are 0. An even number of motors: two go in one word.
 ///
 /// - `values`: what each motor is told, in the order of the timer's channels.
 /// - `counts`: of the timer in one bit's time.
-pub fn write<const N: usize>(waveform: &mut Waveform<N>, values: [Value; N], dialogue: Dialogue, counts: u16) {
+pub fn write<W: From<u16>, const N: usize>(
+    waveform: &mut Waveform<W, N>,
+    values: [Value; N],
+    dialogue: Dialogue,
+    counts: u16,
+) {
     const { assert!(N.is_multiple_of(2), "motors come in pairs") };
     // Thirds would do; these are the shares that the field uses.
     let (zero, one) = (u32::from(counts) * 3 / 8, u32::from(counts - counts / 4));
@@ -76,7 +81,7 @@ pub fn write<const N: usize>(waveform: &mut Waveform<N>, values: [Value; N], dia
             // Both bits at once: what a one has more than a zero, or nothing, to each half.
             let word = zero * 0x1_0001 + (frames >> place & 0x1_0001) * (one - zero);
             if let Some(place) = row.as_chunks_mut::<2>().0.get_mut(pair) {
-                *place = [word as u16, (word >> 16) as u16];
+                *place = [word as u16, (word >> 16) as u16].map(W::from);
             }
         }
     }
@@ -106,11 +111,14 @@ mod tests {
 
     #[test]
     fn a_waveform_has_every_motors_bits_in_turn_and_ends_at_rest() {
-        let mut words = [[0; 2]; BITS];
+        let mut words = [[0_u16; 2]; BITS];
         write(&mut words, [Value::STOP, Value::running(1.0)], Dialogue::OneWay, 140);
         assert_eq!(words[..2], [[52, 105]; 2]);
         // 0xffee: bits 11 and 15 are zeros.
         assert_eq!([words[11], words[14], words[15]], [[52, 52], [52, 105], [52, 52]]);
         assert_eq!(words[16..], [[0; 2]; 2]);
+        let mut wide = [[0_u32; 2]; BITS];
+        write(&mut wide, [Value::STOP, Value::running(1.0)], Dialogue::OneWay, 140);
+        assert_eq!(wide, words.map(|row| row.map(u32::from)), "of a timer with 32 bits");
     }
 }

@@ -14,12 +14,13 @@ pub(crate) struct Bank<T: GeneralInstance4Channel, D: UpDma<T>, const N: usize> 
     timer: SimplePwm<'static, T>,
     dma: Peri<'static, D>,
     channels: [Channel; N],
-    waveform: Aligned<N>,
+    waveform: Aligned<T::Word, N>,
 }
 
-/// A frame for each motor. The stream reads it in bursts of 8 bytes, of which none may cross a boundary of 1 KiB (RM0090, 10.3.11).
-#[repr(align(8))]
-struct Aligned<const N: usize>(Waveform<N>);
+/// A frame for each motor. The stream reads it in bursts of up to four of the timer's words, of which none may cross a boundary of 1 KiB
+/// (RM0090, 10.3.11).
+#[repr(align(16))]
+struct Aligned<W, const N: usize>(Waveform<W, N>);
 
 impl<T, D, const N: usize> Bank<T, D, N>
 where
@@ -29,7 +30,7 @@ where
 {
     /// Not connected yet.
     pub(super) fn new(timer: SimplePwm<'static, T>, dma: Peri<'static, D>, channels: [Channel; N]) -> Self {
-        Self { timer, dma, channels, waveform: Aligned([[0; N]; dshot::BITS]) }
+        Self { timer, dma, channels, waveform: Aligned([[T::Word::from(0); N]; dshot::BITS]) }
     }
 
     /// The timer's counts in one period, which are the counts of a DShot bit or of the time between pulses.

@@ -204,7 +204,6 @@ macro_rules! control_executor {
 use control_executor;
 
 /// The slow sensors' bus, by interrupts and DMA: the peripheral, its pins, and the streams to and from it.
-#[cfg(not(feature = "orbit-h743"))]
 macro_rules! sensor_bus {
     ($i2c:ident, $clock:ident, $data:ident, $to:ident, $from:ident) => {
         /// The slow sensors' bus, open.
@@ -229,5 +228,4 @@ macro_rules! sensor_bus {
         }
     };
 }
-#[cfg(not(feature = "orbit-h743"))]
 use sensor_bus;

@@ -2,19 +2,19 @@
 //!
 //! | part             | pins                     | by                                                  |
 //! |------------------|--------------------------|-----------------------------------------------------|
-//! | motors 1 to 4    | PB6 … PB9                | TIM4 channels 1 to 4; bursts by DMA1 stream 6       |
-//! | their answers    | the same                 | port B sampled by DMA2 stream 1, paced by TIM1      |
+//! | motors 1 to 4    | PA0 … PA3                | TIM2 channels 1 to 4; bursts by DMA1 stream 6       |
+//! | their answers    | the same                 | port A sampled by DMA2 stream 1, paced by TIM1      |
 //! | ICM-42688-P      | PE11, PA5 … PA7          | SPI1; DMA2 streams 0 and 3                          |
-//! | its data ready   | PC4                      | EXTI4                                               |
-//! | radio receiver   | PD6                      | USART2; DMA1 stream 5                               |
-//! | DPS310, magnetometer | PD12, PD13           | I2C4, which DMA1 and DMA2 do not serve              |
+//! | its data ready   | PE10                     | EXTI10                                              |
+//! | radio receiver   | PB12                     | UART5; DMA1 stream 5                                |
+//! | DPS310, magnetometer | PB8, PB9             | I2C1; DMA1 streams 3 and 4                          |
 //! | GNSS receiver    | PC6, PC7                 | USART6; DMA1 streams 0 and 1                        |
 //! | vision           | PE7                      | UART7; DMA1 stream 2                                |
-//! | station          | PB14, PB15               | USART1; DMA2 streams 7 and 5                        |
+//! | station          | PD5, PD6                 | USART2; DMA2 streams 7 and 5                        |
 //! | USB              | PA11, PA12               | OTG_FS                                              |
-//! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11; DMA2 stream 2      |
+//! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 10.1; DMA2 stream 2      |
 //! | status LED       | PE3, low is on           | GPIO                                                |
-//! | buzzer           | PC15, high sounds     | GPIO                                                |
+//! | buzzer           | PB7, high sounds         | GPIO                                                |
 //! | parameters       | none                     | the last two sectors of flash                       |
 //! | crystal          | 8 MHz                    | PLL, 400 MHz                                        |
 //! | probe            | PA13, PA14               | SWD: nothing else may claim them                    |
@@ -23,28 +23,26 @@
 //!
 //! The data cache stays off, and RAM is the AXI memory that DMA reaches (`memory_h743.x`).
 //!
-//! Two revisions have been published under this name, and this is the first. On the later one the motors are on PA0 to PA3, the buzzer on
-//! PB7, barometer and magnetometer on PB8 and PB9, the inertial unit's data ready on PE10: this image would send DShot to the buzzer and the
-//! barometer. Its motors' timers have 32 bits, which [`Bank`] does not serve.
+//! Two revisions have been published under this name, and this is the later one. On the first the motors are on PB6 to PB9, the buzzer on PC15,
+//! barometer and magnetometer on PD12 and PD13, the inertial unit's data ready on PC4, and it is turned by 180°: this image would send DShot
+//! nowhere, and sound the buzzer of a motor's line.
 //!
 //! # Source
-//! Betaflight's `configs/ORBITH743/config.h` in the maker's repository `orbittechnologyx/config`, commit 8f3614a: MOTOR1_PIN to MOTOR4_PIN, GYRO_1_*,
-//! UART1_*, UART2_RX_PIN, I2C4_*, BARO_I2C_INSTANCE, UART6_*, UART7_RX_PIN, ADC_VBAT_PIN, LED0_PIN, BEEPER_PIN, BEEPER_INVERTED. It names no ports for receivers
-//! and vision: which are taken is ours. Crystal and divider are Betaflight's defaults, which the file leaves. The later revision:
-//! the same file at 19bcab5, and ArduPilot's `hwdef/ORBITH743`, whose divider is 10.1.
+//! ArduPilot's `libraries/AP_HAL_ChibiOS/hwdef/ORBITH743/hwdef.dat`, commit 1eee4fb: motors 1 to 4 (there on TIM5, which counts time here), SPI1 and
+//! IMU1_CS, I2C1, UART5 as its receiver's, USART6 as its GNSS's, USART2, UART7, BATT_VOLTAGE_SENS, HAL_BATT_VOLT_SCALE, LED0, BUZZER, OSCILLATOR_HZ and the
+//! rotation of its first IMU, ROLL_180_YAW_270. The data-ready line is of the maker's own file for Betaflight, `configs/ORBITH743/config.h` in the repository
+//! `orbittechnologyx/config` at 19bcab5; the first revision is the same file at 8f3614a.
 use core::ops::Range;
 
-use embassy_embedded_hal::adapter::BlockingAsync;
 use embassy_stm32::adc::{Adc, SampleTime};
 use embassy_stm32::exti::{self, ExtiInput};
 use embassy_stm32::flash::{Bank2Region, Blocking as StoreMode, Flash};
 use embassy_stm32::gpio::{AnyPin, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::i2c::{self, I2c};
-use embassy_stm32::mode::Blocking;
 use embassy_stm32::peripherals::USB_OTG_FS;
-use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH1, DMA1_CH2, DMA1_CH5, DMA1_CH6, DMA2_CH0, DMA2_CH3};
-use embassy_stm32::peripherals::{DMA2_CH1, DMA2_CH2, DMA2_CH5, DMA2_CH7, USART1};
-use embassy_stm32::peripherals::{I2C4, IWDG1, PC0, PD12, PD13, TIM1, TIM4, UART7, USART2, USART6};
+use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH1, DMA1_CH2, DMA1_CH3, DMA1_CH4, DMA1_CH5, DMA1_CH6};
+use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH1, DMA2_CH2, DMA2_CH3, DMA2_CH5, DMA2_CH7};
+use embassy_stm32::peripherals::{I2C1, IWDG1, PB8, PB9, PC0, TIM1, TIM2, UART5, UART7, USART2, USART6};
 use embassy_stm32::spi::Spi;
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::Channel::{Ch1, Ch2, Ch3, Ch4};
@@ -54,7 +52,6 @@ use embassy_stm32::usart::{self, Uart, UartRx};
 use embassy_stm32::usb;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, interrupt, pac, rcc};
-use embassy_time::Duration;
 use firmware::dshot::{self, Dialogue};
 use firmware::icm42688::Mount;
 use firmware::{crsf, mpu6000, pose, ubx};
@@ -63,7 +60,7 @@ use super::bank::Bank;
 use super::ear::Ear;
 use super::gauge::Gauge;
 use super::{
-    Board, Buffers, STATION_BAUD, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensors_config, store,
+    Board, Buffers, STATION_BAUD, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensor_bus, store,
     usb_config,
 };
 use crate::gnss;
@@ -77,7 +74,7 @@ pub(crate) const LOG_ON_FLASH: bool = false;
 /// What the speed controllers are sent.
 pub(crate) const PROTOCOL: Protocol = Protocol::DShot600;
 /// Battery voltage over pin voltage.
-pub(crate) const BATTERY_DIVIDER: f32 = 11.0;
+pub(crate) const BATTERY_DIVIDER: f32 = 10.1;
 /// Time in which a line of the battery is sampled.
 pub(super) const LINE_SAMPLE: SampleTime = SampleTime::CYCLES810_5;
 /// The converter's counts at its reference.
@@ -86,8 +83,8 @@ pub(super) const FULL_SCALE: f32 = 65_535.0;
 pub(super) type VoltagePin = PC0;
 /// What moves the counts.
 pub(super) type GaugeStream = DMA2_CH2;
-/// Forward is the part's y, right its x, down against its z: it is turned by 90° clockwise, seen from above.
-pub(crate) const IMU_MOUNT: Mount = [(1, false), (0, false), (2, true)];
+/// Forward is against the part's y, right against its x, down against its z: it is turned by 90° counterclockwise, seen from above.
+pub(crate) const IMU_MOUNT: Mount = [(1, true), (0, true), (2, true)];
 /// The status LED is on when its pin is low.
 pub(crate) const STATUS_ON: Level = Level::Low;
 /// The region of flash that ends with the parameters.
@@ -99,14 +96,18 @@ pub(super) type WatchdogUnit = IWDG1;
 
 bind_interrupts!(pub(crate) struct Irqs {
     OTG_FS => usb::InterruptHandler<USB_OTG_FS>;
-    EXTI4 => exti::InterruptHandler<interrupt::typelevel::EXTI4>;
+    EXTI15_10 => exti::InterruptHandler<interrupt::typelevel::EXTI15_10>;
+    I2C1_EV => i2c::EventInterruptHandler<I2C1>;
+    I2C1_ER => i2c::ErrorInterruptHandler<I2C1>;
+    UART5 => usart::InterruptHandler<UART5>;
     UART7 => usart::InterruptHandler<UART7>;
-    USART1 => usart::InterruptHandler<USART1>;
     USART2 => usart::InterruptHandler<USART2>;
     USART6 => usart::InterruptHandler<USART6>;
     DMA1_STREAM0 => dma::InterruptHandler<DMA1_CH0>;
     DMA1_STREAM1 => dma::InterruptHandler<DMA1_CH1>;
     DMA1_STREAM2 => dma::InterruptHandler<DMA1_CH2>;
+    DMA1_STREAM3 => dma::InterruptHandler<DMA1_CH3>;
+    DMA1_STREAM4 => dma::InterruptHandler<DMA1_CH4>;
     DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
     DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
     DMA2_STREAM0 => dma::InterruptHandler<DMA2_CH0>;
@@ -117,31 +118,10 @@ bind_interrupts!(pub(crate) struct Irqs {
     DMA2_STREAM5 => dma::InterruptHandler<DMA2_CH5>;
 });
 
-/// How long a transfer on the slow sensors' bus may hold up what runs below control.
-const TRANSFER: Duration = Duration::from_millis(2);
-
-/// The slow sensors' bus, open.
-pub(crate) type SensorBus<'a> = BlockingAsync<I2c<'a, Blocking, i2c::mode::Master>>;
-
-/// What the slow sensors' bus is made of.
-pub(crate) struct SensorPins {
-    i2c: Peri<'static, I2C4>,
-    clock: Peri<'static, PD12>,
-    data: Peri<'static, PD13>,
-}
-
-impl SensorPins {
-    /// Resets the bus and opens it.
-    pub(crate) fn open(&mut self) -> SensorBus<'_> {
-        let mut config = sensors_config();
-        config.timeout = TRANSFER;
-        let Self { i2c, clock, data } = self;
-        BlockingAsync::new(I2c::new_blocking(i2c.reborrow(), clock.reborrow(), data.reborrow(), config))
-    }
-}
+sensor_bus!(I2C1, PB8, PB9, DMA1_CH3, DMA1_CH4);
 
 /// The motors' lines.
-pub(crate) struct MotorPins(Bank<TIM4, DMA1_CH6, 4>);
+pub(crate) struct MotorPins(Bank<TIM2, DMA1_CH6, 4>);
 
 impl MotorPins {
     /// The timer's counts in one period, which are the counts of a DShot bit or of the time between pulses.
@@ -178,15 +158,15 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
     freeze_motor_timer_in_debug();
 
     let push = OutputType::PushPull;
-    let (m1, m2) = (PwmPin::new(p.PB6, push), PwmPin::new(p.PB7, push));
-    let (m3, m4) = (PwmPin::new(p.PB8, push), PwmPin::new(p.PB9, push));
+    let (m1, m2) = (PwmPin::new(p.PA0, push), PwmPin::new(p.PA1, push));
+    let (m3, m4) = (PwmPin::new(p.PA2, push), PwmPin::new(p.PA3, push));
     let (rate, up) = (Hertz(PROTOCOL.timer_hz()), CountingMode::EdgeAlignedUp);
-    let timer = SimplePwm::new(p.TIM4, Some(m1), Some(m2), Some(m3), Some(m4), rate, up);
+    let timer = SimplePwm::new(p.TIM2, Some(m1), Some(m2), Some(m3), Some(m4), rate, up);
     let gnss = Uart::new(p.USART6, p.PC7, p.PC6, p.DMA1_CH0, p.DMA1_CH1, Irqs, line_config(ubx::BAUD));
     let (bitten, browned_out) = take_causes();
     Board {
         motors: MotorPins(Bank::new(timer, p.DMA1_CH6, [Ch1, Ch2, Ch3, Ch4])),
-        ear: Some(Ear::new(p.TIM1, p.DMA2_CH1, pac::GPIOB, [6, 7, 8, 9], PROTOCOL.timer_hz())),
+        ear: Some(Ear::new(p.TIM1, p.DMA2_CH1, pac::GPIOA, [0, 1, 2, 3], PROTOCOL.timer_hz())),
         imu_bus: Spi::new(
             p.SPI1,
             p.PA5,
@@ -198,16 +178,16 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
             imu_bus_config(mpu6000::SPI_HZ_MAX.0),
         ),
         imu_select: Output::new(p.PE11, Level::High, Speed::VeryHigh),
-        imu_ready: ExtiInput::new(p.PC4, p.EXTI4, Pull::Down, Irqs),
-        radio: UartRx::new(p.USART2, p.PD6, p.DMA1_CH5, Irqs, line_config(crsf::BAUD))
+        imu_ready: ExtiInput::new(p.PE10, p.EXTI10, Pull::Down, Irqs),
+        radio: UartRx::new(p.UART5, p.PB12, p.DMA1_CH5, Irqs, line_config(crsf::BAUD))
             .expect("the baud rate is within the port's range")
             .into_ring_buffered(&mut buffers.radio),
-        sensors: SensorPins { i2c: p.I2C4, clock: p.PD12, data: p.PD13 },
+        sensors: SensorPins { i2c: p.I2C1, clock: p.PB8, data: p.PB9, to: p.DMA1_CH3, from: p.DMA1_CH4 },
         gnss: gnss::Port::new(gnss.expect("the baud rate is within the port's range"), &mut buffers.gnss),
         vision: UartRx::new(p.UART7, p.PE7, p.DMA1_CH2, Irqs, line_config(pose::BAUD))
             .expect("the baud rate is within the port's range")
             .into_ring_buffered(&mut buffers.vision),
-        station: Uart::new(p.USART1, p.PB15, p.PB14, p.DMA2_CH7, p.DMA2_CH5, Irqs, line_config(STATION_BAUD))
+        station: Uart::new(p.USART2, p.PD6, p.PD5, p.DMA2_CH7, p.DMA2_CH5, Irqs, line_config(STATION_BAUD))
             .expect("the baud rate is within the port's range")
             .split(),
         usb: usb::Driver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, &mut buffers.usb, usb_config()),
@@ -215,7 +195,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
         log_bus: None,
         battery: Gauge { converter: Adc::new(p.ADC1), voltage: p.PC0, stream: p.DMA2_CH2 },
         status: Output::new(p.PE3, Level::High, Speed::Low),
-        buzzer: Output::new(p.PC15, Level::Low, Speed::Low),
+        buzzer: Output::new(p.PB7, Level::Low, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG1, WATCHDOG_US),
         bitten,
         browned_out,
@@ -278,7 +258,7 @@ fn start_core_extras() {
 /// Stops the motor timer whenever a probe halts the core: without pulses the speed controllers stop by themselves,
 /// where a timer that runs on would repeat the last one.
 fn freeze_motor_timer_in_debug() {
-    pac::DBGMCU.apb1lfzr1().modify(|w| w.set_tim4(true));
+    pac::DBGMCU.apb1lfzr1().modify(|w| w.set_tim2(true));
 }
 
 /// The motors' lines, whoever holds them.
@@ -288,7 +268,7 @@ fn freeze_motor_timer_in_debug() {
 pub(super) unsafe fn steal_motor_lines() -> [Peri<'static, AnyPin>; 4] {
     // SAFETY: as above.
     let p = unsafe { Peripherals::steal() };
-    [p.PB6.into(), p.PB7.into(), p.PB8.into(), p.PB9.into()]
+    [p.PA0.into(), p.PA1.into(), p.PA2.into(), p.PA3.into()]
 }
 
 // The interrupt of a memory controller that this package has no pins for.
