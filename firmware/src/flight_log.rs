@@ -16,7 +16,7 @@
 mod preamble;
 mod steps;
 
-pub use preamble::{Fact, Facts, FactsError, Preamble};
+pub use preamble::{Fact, Facts, FactsError, MEMORY, Preamble, Resumed};
 pub use steps::{COUNT_M_S2, COUNT_RAD_S, Packer, StepError, Steps};
 
 /// Bytes of a block: a card's sector.

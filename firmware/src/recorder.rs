@@ -16,7 +16,7 @@ use cortex_m::singleton;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, with_timeout};
-use firmware::flight_log::{BLOCK_BYTES, Block, Packer, Preamble};
+use firmware::flight_log::{BLOCK_BYTES, Block, Packer, Preamble, Resumed};
 use firmware::log_file::Blocks as _;
 use firmware::record::WORDS;
 use flight_link::{FromBoard, LogPart, LogRefusal, LogSize, LogWish, PART_BYTES};
@@ -39,6 +39,8 @@ type Blocks = Queue<Block, { WAITING + 1 }>;
 static mut QUEUE: MaybeUninit<Blocks> = MaybeUninit::uninit();
 #[unsafe(link_section = ".log")]
 static mut PACKER: MaybeUninit<Packer> = MaybeUninit::uninit();
+#[unsafe(link_section = ".log")]
+static mut RESUMED: MaybeUninit<Resumed> = MaybeUninit::uninit();
 /// What the station wishes, and on which line it listens.
 pub(crate) static WISH: Signal<CriticalSectionRawMutex, (&'static Line, LogWish)> = Signal::new();
 /// Blocks for which there was no room.
@@ -71,24 +73,25 @@ impl Recorder {
     }
 }
 
-/// Both ends of the queue.
+/// Both ends of the queue, and where what the flight goes on from waits for the preamble.
 ///
 /// # Panics
 /// If called twice.
-pub(crate) fn queue() -> (Recorder, Consumer<'static, Block>) {
+pub(crate) fn queue(resumed: Option<Resumed>) -> (Recorder, Consumer<'static, Block>, Option<&'static Resumed>) {
     singleton!(: () = ()).expect("called once");
-    let (queue, packer) = (&raw mut QUEUE, &raw mut PACKER);
+    let (queue, packer, place) = (&raw mut QUEUE, &raw mut PACKER, &raw mut RESUMED);
     // SAFETY: the first line lets nobody else come here.
-    let (queue, packer) = unsafe { (&mut *queue, &mut *packer) };
+    let (queue, packer, place) = unsafe { (&mut *queue, &mut *packer, &mut *place) };
     let (blocks, consumer) = queue.write(Queue::new()).split();
-    (Recorder { packer: packer.write(Packer::new()), blocks }, consumer)
+    let resumed = resumed.map(|resumed| &*place.write(resumed));
+    (Recorder { packer: packer.write(Packer::new()), blocks }, consumer, resumed)
 }
 
 /// What flies.
 pub(crate) struct Flown {
     pub(crate) parameters: Parameters,
-    /// Whether it goes on after a reset in the air.
-    pub(crate) resumed: bool,
+    /// What it goes on from after a reset in the air.
+    pub(crate) resumed: Option<&'static Resumed>,
 }
 
 /// What was said of it.

@@ -37,7 +37,7 @@ use crate::imu::Imu;
 use crate::line;
 use crate::motors::Motors;
 use crate::recorder::{self, Flown, Recorder};
-use crate::restart;
+use crate::restart::{self, Before};
 use crate::sensors::{BARO_ALTITUDE_M, BAROMETER_FOUND, MAGNETIC_UT, sense};
 use crate::station::{self, SNAPSHOT};
 use crate::usb;
@@ -47,6 +47,7 @@ use firmware::buzzer::{Buzzer, Facts, LOOKS_HZ};
 use firmware::crsf::Receiver;
 use firmware::erpm::Heard;
 use firmware::flight;
+use firmware::flight_log::Resumed;
 use firmware::icm42688::SAMPLE_HZ;
 use firmware::pilot;
 use firmware::record::Record;
@@ -121,7 +122,9 @@ pub(crate) fn start(spawner: Spawner) {
         .unwrap_or_else(|e| defmt::panic!("{=str}.{=str} = {=f32} cannot fly", e.name[0], e.name[1], e.value));
     let imu = Imu::new(imu_bus, imu_select, imu_ready);
     let home = before.as_ref().and_then(|before| before.home);
-    let resumed = before.is_some_and(|before| flight.resume(before.memory, now_us()));
+    let at_us = now_us();
+    let before = before.filter(|before| flight.resume(before.memory, at_us));
+    let resumed = before.is_some();
     if resumed {
         defmt::error!("it was in the air: the flight goes on");
     }
@@ -132,7 +135,8 @@ pub(crate) fn start(spawner: Spawner) {
     if (LOG_ON_CARD || LOG_ON_FLASH)
         && let Some(bus) = board.log_bus
     {
-        let (recorder, blocks) = recorder::queue();
+        let before = before.map(|Before { memory, .. }| Resumed { at_us, memory });
+        let (recorder, blocks, resumed) = recorder::queue(before);
         spawner.spawn(recorder::keep(bus, Flown { parameters, resumed }, blocks).expect("keep is started once"));
         listeners.recorder = Some(recorder);
     }

@@ -12,7 +12,9 @@ use crate::through::Verdict;
 use crate::through::twin::Twin;
 use control_core::flight::{Flight, Unflyable};
 use control_core::parameters::{Parameters, TABLE, index_of};
-use firmware::flight_log::{BLOCK_BYTES, BlockError, COUNT_M_S2, COUNT_RAD_S, Fact, Facts, Kind, Opened, Steps, open};
+use firmware::flight_log::{
+    BLOCK_BYTES, BlockError, COUNT_M_S2, COUNT_RAD_S, Fact, Facts, Kind, MEMORY, Opened, Resumed, Steps, open,
+};
 use firmware::record::{Record, WORDS};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -75,8 +77,8 @@ pub struct Flown {
     pub board: String,
     /// What it was flown with.
     pub parameters: Parameters,
-    /// Whether it went on after a reset in the air: what it remembered of before is not in the log, and nothing can be compared.
-    pub resumed: bool,
+    /// What it went on from, if a reset in the air came before its first step.
+    pub resumed: Option<Resumed>,
 }
 
 /// Steps that are not in the log.
@@ -188,6 +190,7 @@ fn fill(log: &mut impl Read, bytes: &mut [u8]) -> io::Result<usize> {
 struct Said {
     texts: BTreeMap<String, String>,
     words: BTreeMap<String, u32>,
+    memory: Vec<u32>,
 }
 
 impl Said {
@@ -196,6 +199,7 @@ impl Said {
             let (name, fact) = fact.ok()?;
             match fact {
                 Fact::Text(text) => drop(self.texts.insert(name.to_owned(), text.to_owned())),
+                Fact::Word(word) if name == MEMORY => self.memory.push(word),
                 Fact::Word(word) => drop(self.words.insert(name.to_owned(), word)),
             }
         }
@@ -236,7 +240,12 @@ impl Said {
             let refused = |_| other(known.name, value.to_string(), format!("from {} to {}", known.min, known.max));
             parameters.set(known.name, value).map_err(refused)?;
         }
-        Ok(Flown { image, board: self.text("board")?, parameters, resumed: self.word("resumed")? != 0 })
+        let resumed = Resumed::from_words(&self.memory);
+        if resumed.is_none() && !self.memory.is_empty() {
+            let [found, known] = [self.memory.len(), Resumed::WORDS].map(|count| format!("{count} words"));
+            return Err(other(MEMORY, found, known));
+        }
+        Ok(Flown { image, board: self.text("board")?, parameters, resumed })
     }
 }
 
@@ -253,7 +262,12 @@ struct Told {
 
 impl Told {
     fn new(flown: Flown) -> Result<Self, ReplayError> {
-        let twin = Twin::new(&flown.parameters)?;
+        let mut twin = Twin::new(&flown.parameters)?;
+        if flown.resumed.as_ref().is_some_and(|resumed| !twin.resume(resumed)) {
+            let (name, image) = (MEMORY.to_owned(), flown.image);
+            let [found, known] = ["what no flight goes on from", "what one does"].map(str::to_owned);
+            return Err(ReplayError::Other { name, found, known, image });
+        }
         let (chronicle, gaps) = (Chronicle::default(), Vec::new());
         Ok(Self { flown, twin, chronicle, steps: 0, last: (0, 0), span_us: None, gaps })
     }
@@ -266,9 +280,7 @@ impl Told {
         self.last = now;
         self.steps += 1;
         self.span_us = Some((self.span_us.map_or(record.time_us, |(first_us, _)| first_us), record.time_us));
-        if !self.flown.resumed {
-            self.twin.follow(record);
-        }
+        self.twin.follow(record);
         let followed = self.twin.last().is_some_and(|last| last.step == record.step);
         let flight = Some(self.twin.flight()).filter(|_| followed && self.gaps.is_empty());
         if let Some(flight) = flight {
@@ -339,10 +351,15 @@ mod tests {
 
     /// The file that the image makes of it; blocks of steps for which `lost` is true are not in it.
     fn file(parameters: &Parameters, records: &[Record], lost: impl Fn(usize) -> bool) -> Vec<u8> {
-        written(parameters, false, records, lost)
+        written(parameters, None, records, lost)
     }
 
-    fn written(parameters: &Parameters, resumed: bool, records: &[Record], lost: impl Fn(usize) -> bool) -> Vec<u8> {
+    fn written(
+        parameters: &Parameters,
+        resumed: Option<&Resumed>,
+        records: &[Record],
+        lost: impl Fn(usize) -> bool,
+    ) -> Vec<u8> {
         let preamble = Preamble { image: ["0.1.0", "c0ffee"], board: "a board", parameters, resumed };
         let mut blocks: Vec<_> = preamble.blocks().collect();
         let mut packer = Packer::new();
@@ -427,14 +444,14 @@ mod tests {
     }
 
     #[test]
-    fn a_flight_that_went_on_after_a_reset_in_the_air_is_read_and_not_compared() {
+    fn a_flight_that_went_on_from_what_cannot_be_is_refused() {
         let parameters = Parameters::default();
-        let records = flown(&parameters);
-        let told =
-            replay(&*written(&parameters, true, &records, |_| false), &mut |_, flight| assert!(flight.is_none()));
-        let told = told.expect("a log");
-        assert!(told.flown.resumed && told.steps == records.len() as u64);
-        assert_eq!((told.verdict.commands, told.verdict.parting), (0, None));
+        let resumed = Resumed { at_us: 7, memory: [3; 90] };
+        let error = read(&written(&parameters, Some(&resumed), &[], |_| false)).expect_err("refused").to_string();
+        assert!(error.starts_with("memory: what no flight goes on from: must be what one does"), "{error}");
+        let mut said = Said::default();
+        said.hear(b"\x06memory\x01abcd").expect("a fact");
+        assert_eq!(said.memory, [u32::from_le_bytes(*b"abcd")]);
     }
 
     #[test]
@@ -455,7 +472,6 @@ mod tests {
         known.texts = ["image", "commit", "board"].map(|name| (name.to_owned(), "x".to_owned())).into();
         known.words = parameters.iter().map(|(known, value)| (known.name.to_owned(), value.to_bits())).collect();
         known.words.extend([
-            ("resumed".to_owned(), 0),
             ("record_words".to_owned(), WORDS as u32),
             ("rate_rad_s".to_owned(), COUNT_RAD_S.to_bits()),
             ("force_m_s2".to_owned(), COUNT_M_S2.to_bits()),

@@ -4,9 +4,11 @@
 //! fact      bytes of the name u8 │ name │ 0, bytes of the text u8, text    or    1, word u32
 //! ```
 //!
-//! Names of parameters are in capitals, all others are not. Numbers are words too, by their bits.
+//! Names of parameters are in capitals, all others are not. Numbers are words too, by their bits. The words of `memory` follow each other, one a fact: when
+//! the flight went on, µs, low word first, and what it remembered.
 use super::{Block, COUNT_M_S2, COUNT_RAD_S, Kind};
 use control_core::parameters::Parameters;
+use control_core::restart::{Memory, WORDS as MEMORY_WORDS};
 
 use crate::record::WORDS;
 
@@ -19,8 +21,35 @@ pub enum Fact<'a> {
     Word(u32),
 }
 
+/// The name of each word of what a flight went on from.
+pub const MEMORY: &str = "memory";
 /// Longest fact.
 const FACT_BYTES: usize = 96;
+
+/// A flight that went on after a reset in the air, before its first step.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Resumed {
+    /// When, as it was told, µs.
+    pub at_us: u64,
+    /// What it remembered.
+    pub memory: Memory,
+}
+
+impl Resumed {
+    /// Words of one.
+    pub const WORDS: usize = 2 + MEMORY_WORDS;
+
+    /// Of its words, if they are as many.
+    pub fn from_words(words: &[u32]) -> Option<Self> {
+        let (&[low, high], memory) = words.split_first_chunk()?;
+        Some(Self { at_us: u64::from(high) << 32 | u64::from(low), memory: memory.try_into().ok()? })
+    }
+
+    fn words(&self) -> impl Iterator<Item = u32> {
+        // Not by value: the iterator waits in RAM for its blocks to be written.
+        [self.at_us as u32, (self.at_us >> 32) as u32].into_iter().chain(self.memory.iter().copied())
+    }
+}
 
 /// What flew.
 #[derive(Clone, Copy, Debug)]
@@ -31,8 +60,8 @@ pub struct Preamble<'a> {
     pub board: &'a str,
     /// What is flown with.
     pub parameters: &'a Parameters,
-    /// Whether a reset in the air came before the first step: what the flight remembers of before is not in the log.
-    pub resumed: bool,
+    /// What it went on from, if a reset in the air came before the first step.
+    pub resumed: Option<&'a Resumed>,
 }
 
 impl Preamble<'_> {
@@ -43,13 +72,14 @@ impl Preamble<'_> {
             ("image", Fact::Text(version)),
             ("commit", Fact::Text(commit)),
             ("board", Fact::Text(self.board)),
-            ("resumed", Fact::Word(self.resumed.into())),
             ("record_words", Fact::Word(WORDS as u32)),
             ("rate_rad_s", Fact::Word(COUNT_RAD_S.to_bits())),
             ("force_m_s2", Fact::Word(COUNT_M_S2.to_bits())),
         ];
         let parameters = self.parameters.iter().map(|(known, value)| (known.name, Fact::Word(value.to_bits())));
-        let mut facts = facts.into_iter().chain(parameters).peekable();
+        let memory =
+            self.resumed.into_iter().flat_map(|resumed| resumed.words().map(|word| (MEMORY, Fact::Word(word))));
+        let mut facts = facts.into_iter().chain(parameters).chain(memory).peekable();
         core::iter::from_fn(move || {
             let mut block = Block::new(Kind::Preamble);
             let mut place = [0; FACT_BYTES];
@@ -151,8 +181,9 @@ mod tests {
     fn a_preamble_says_what_flew_and_every_parameter() {
         let mut parameters = Parameters::default();
         parameters.set_at(3, TABLE[3].max).unwrap();
+        let resumed = Resumed { at_us: 0x1_0000_0002, memory: core::array::from_fn(|n| 3 * n as u32) };
         let preamble =
-            Preamble { image: ["0.1.0", "c0ffee"], board: "a board", parameters: &parameters, resumed: true };
+            Preamble { image: ["0.1.0", "c0ffee"], board: "a board", parameters: &parameters, resumed: Some(&resumed) };
         let mut facts: Vec<(String, String)> = Vec::new();
         for (number, block) in (0..).zip(preamble.blocks()) {
             let bytes = block.sealed(number);
@@ -170,7 +201,11 @@ mod tests {
         let of = |name: &str| facts.iter().find(|(known, _)| known == name).map(|(_, value)| value.clone());
         assert_eq!(of("commit").as_deref(), Some("c0ffee"));
         assert_eq!(of("board").as_deref(), Some("a board"));
-        assert_eq!(of("resumed").as_deref(), Some("00000001"));
+        let memory = facts.iter().filter(|(name, _)| name == MEMORY);
+        let memory: Vec<u32> = memory.map(|(_, word)| u32::from_str_radix(word, 16).expect("a word")).collect();
+        assert_eq!(memory.len(), Resumed::WORDS);
+        assert_eq!(Resumed::from_words(&memory), Some(resumed));
+        assert_eq!(Resumed::from_words(&memory[1..]), None);
         assert_eq!(of("rate_rad_s"), Some(std::format!("{:08x}", COUNT_RAD_S.to_bits())));
         for (known, value) in parameters.iter() {
             assert_eq!(of(known.name), Some(std::format!("{:08x}", value.to_bits())), "{}", known.name);

@@ -52,9 +52,6 @@ const COLUMNS: [&str; 22] = [
     "mode",
 ];
 
-/// What is said of a flight that could not be repeated.
-const RESUMED: &str = "this flight went on after a reset in the air; what it remembered of before is not in the log";
-
 /// Gaps and damages that are printed.
 const LISTED: usize = 10;
 
@@ -127,6 +124,12 @@ fn summary(told: &Replay) -> String {
     let mut lines = vec![format!("{}, image {}", flown.board, flown.image)];
     let set = flown.parameters.iter().filter(|(known, value)| *value != known.default);
     lines.extend(set.map(|(known, value)| format!("{} = {value} {}", known.name, known.unit)));
+    lines.extend(
+        flown
+            .resumed
+            .iter()
+            .map(|resumed| format!("{:9.3} s  went on after a reset in the air", resumed.at_us as f64 * 1e-6)),
+    );
     lines.extend(happenings.iter().map(|Happening { t_s, what }| format!("{t_s:9.3} s  {what}")));
     let [from_s, to_s] = span_us.map_or([0.0; 2], |(first, last)| [first, last].map(|time_us| time_us as f64 * 1e-6));
     lines.push(format!("{steps} steps, {:.3} s, from {from_s:.3} s to {to_s:.3} s since boot", to_s - from_s));
@@ -139,7 +142,6 @@ fn summary(told: &Replay) -> String {
     lines.push(format!("{} commands compared; hashes of {same} of {seconds} seconds are equal", verdict.commands));
     match (&verdict.parting, gaps.first()) {
         (Some(Parting::Command { .. }), _) => {}
-        _ if flown.resumed => lines.push(RESUMED.to_owned()),
         (_, Some(gap)) => lines.push(format!(
             "no bit differs up to {:.4} s since boot; after that nothing can be compared: {gap}",
             gap.after.1 as f64 * 1e-6
@@ -153,7 +155,6 @@ fn judge(told: &Replay) -> Result<(), Failure> {
     let failed = |text: String| Err(Failure { text, code: 1 });
     match &told.verdict.parting {
         Some(parting @ Parting::Command { .. }) => failed(format!("the host decides otherwise: {parting}")),
-        _ if told.flown.resumed => failed(format!("nothing could be compared: {RESUMED}")),
         _ if told.verdict.commands == 0 => {
             failed("nothing could be compared: the log does not have the first step".to_owned())
         }

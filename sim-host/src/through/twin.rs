@@ -10,6 +10,7 @@ use control_core::flight::{Command, Flight, Unflyable};
 use control_core::measurement::Measurements;
 use control_core::parameters::Parameters;
 use control_core::{Input, Telemetry};
+use firmware::flight_log::Resumed;
 use firmware::icm42688::SAMPLE_HZ;
 use firmware::record::Record;
 use firmware::report::Tally;
@@ -99,6 +100,11 @@ impl Twin {
         let flight = firmware::flight::boot(parameters)?;
         let verdict = Verdict { commands: 0, seconds: Vec::new(), parting: None };
         Ok(Self { flight, last: None, tallies: [Tally::new(SAMPLE_HZ); 2], verdict })
+    }
+
+    /// Goes on from what the image went on from, before its first step; whether it does.
+    pub(crate) fn resume(&mut self, resumed: &Resumed) -> bool {
+        self.flight.resume(resumed.memory, resumed.at_us)
     }
 
     /// Decides what the image has decided, if it has made a step.
