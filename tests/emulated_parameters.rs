@@ -3,96 +3,13 @@
 //!
 //! Needs cmake and libclang (`cargo xtask setup`), and so a feature: `cargo test --features emulated --test emulated_parameters`.
 use control_core::parameters::{Declaration, TABLE, index_of};
-use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
-use firmware::stored::{PAGE, Stored};
+use firmware::stored::PAGE;
 use flight_link::{Decoder, FRAME_BYTES_MAX, FromBoard, Outcome, ParameterName, ToBoard, encode};
-use sim_host::emulator::{Emulator, Mishap, Motion};
+use sim_host::emulator::{Emulator, Mishap, Motion, Protocol, SECTOR_BYTES, Store};
 use std::collections::BTreeSet;
-use std::convert::Infallible;
 use system_tests::aloft::SAMPLE_HZ;
 
-/// The parameters' sectors (firmware/src/board/speedybee_f405_v4.rs).
-const SECTORS: u32 = 0x080c_0000;
-const SECTOR_BYTES: usize = 128 * 1024;
 const REST: Motion = Motion { force_m_s2: [0.0, 0.0, -9.81], rate_rad_s: [0.0; 3] };
-
-/// Two sectors of an STM32F405's flash.
-#[derive(Clone)]
-struct Sectors(Vec<u8>);
-
-impl ErrorType for Sectors {
-    type Error = Infallible;
-}
-
-impl ReadNorFlash for Sectors {
-    const READ_SIZE: usize = 1;
-    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Infallible> {
-        bytes.copy_from_slice(&self.0[offset as usize..][..bytes.len()]);
-        Ok(())
-    }
-    fn capacity(&self) -> usize {
-        self.0.len()
-    }
-}
-
-impl NorFlash for Sectors {
-    const WRITE_SIZE: usize = 4;
-    const ERASE_SIZE: usize = SECTOR_BYTES;
-    fn erase(&mut self, from: u32, to: u32) -> Result<(), Infallible> {
-        self.0[from as usize..to as usize].fill(0xff);
-        Ok(())
-    }
-    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Infallible> {
-        self.0[offset as usize..][..bytes.len()].copy_from_slice(bytes);
-        Ok(())
-    }
-}
-
-impl Sectors {
-    /// As a factory leaves them.
-    fn erased() -> Self {
-        Self(vec![0xff; 2 * SECTOR_BYTES])
-    }
-
-    /// As the image's own code leaves them after these saves, each of a parameter and a value.
-    fn after(saves: impl IntoIterator<Item = (&'static str, f32)>) -> Self {
-        let mut sectors = Self::erased();
-        let range = 0..2 * SECTOR_BYTES as u32;
-        let mut stored = Stored::try_new(Shared(&mut sectors), range).expect("two sectors");
-        for (name, value) in saves {
-            stored.save(declared(name), value).expect("it may erase");
-        }
-        sectors
-    }
-}
-
-/// Sectors that are lent.
-struct Shared<'a>(&'a mut Sectors);
-
-impl ErrorType for Shared<'_> {
-    type Error = Infallible;
-}
-
-impl ReadNorFlash for Shared<'_> {
-    const READ_SIZE: usize = 1;
-    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Infallible> {
-        self.0.read(offset, bytes)
-    }
-    fn capacity(&self) -> usize {
-        self.0.capacity()
-    }
-}
-
-impl NorFlash for Shared<'_> {
-    const WRITE_SIZE: usize = 4;
-    const ERASE_SIZE: usize = SECTOR_BYTES;
-    fn erase(&mut self, from: u32, to: u32) -> Result<(), Infallible> {
-        self.0.erase(from, to)
-    }
-    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Infallible> {
-        self.0.write(offset, bytes)
-    }
-}
 
 fn declared(name: &str) -> &'static Declaration {
     &TABLE[index_of(name).expect("it is declared")]
@@ -100,6 +17,11 @@ fn declared(name: &str) -> &'static Declaration {
 
 fn padded(name: &str) -> ParameterName {
     std::array::from_fn(|n| name.as_bytes().get(n).copied().unwrap_or(0))
+}
+
+/// Sectors after these saves.
+fn after(saves: impl IntoIterator<Item = (&'static str, f32)>) -> Store {
+    Store::after(saves).expect("it may erase")
 }
 
 /// A board on a desk, and a station at its line.
@@ -111,21 +33,21 @@ struct Desk {
 
 impl Desk {
     /// Switched on with these sectors.
-    fn with(sectors: &Sectors) -> Self {
+    fn with(sectors: &Store) -> Self {
         let mut desk = Self {
             emulator: Emulator::start().expect("emulator and image build"),
             decoder: Decoder::new(),
             log: String::new(),
         };
         desk.emulator.move_body(&REST);
-        desk.emulator.fill_flash(SECTORS, &sectors.0);
+        desk.emulator.fill_store(sectors);
         desk.pass(1);
         desk
     }
 
     /// Switched off, and on again with these sectors.
-    fn restart_with(&mut self, sectors: &Sectors) {
-        self.emulator.fill_flash(SECTORS, &sectors.0);
+    fn restart_with(&mut self, sectors: &Store) {
+        self.emulator.fill_store(sectors);
         self.restart();
     }
 
@@ -209,7 +131,7 @@ const SAVED: (&str, [f32; 3]) = ("FS_LINK_S", [0.75, 1.25, 2.5]);
 
 /// Saves a value over and over on the same sectors, power being cut before, or within, one operation of the flash after the
 /// other, and looks at what is there after the restart. Returns how many operations a save has, and which values were found.
-fn save_with_every_cut(sectors: &Sectors) -> (u32, BTreeSet<u32>) {
+fn save_with_every_cut(sectors: &Store) -> (u32, BTreeSet<u32>) {
     std::thread::scope(|scope| {
         let flights = [false, true].map(|within| scope.spawn(move || save_with_cuts(sectors, within)));
         let [before, within] = flights.map(|flight| flight.join().expect("what was found is as it must be"));
@@ -218,7 +140,7 @@ fn save_with_every_cut(sectors: &Sectors) -> (u32, BTreeSet<u32>) {
     })
 }
 
-fn save_with_cuts(sectors: &Sectors, within: bool) -> (u32, BTreeSet<u32>) {
+fn save_with_cuts(sectors: &Store, within: bool) -> (u32, BTreeSet<u32>) {
     let (name, [before, after, later]) = SAVED;
     let mut desk = Desk::with(sectors);
     let mut found = BTreeSet::new();
@@ -256,7 +178,7 @@ fn save_with_cuts(sectors: &Sectors, within: bool) -> (u32, BTreeSet<u32>) {
 
 #[test]
 fn power_cut_at_any_operation_of_a_save_leaves_the_old_value_or_the_new_one() {
-    let (operations, found) = save_with_every_cut(&Sectors::after([KEPT, (SAVED.0, SAVED.1[0])]));
+    let (operations, found) = save_with_every_cut(&after([KEPT, (SAVED.0, SAVED.1[0])]));
     println!("{operations} operations, {found:?} found");
     assert!(operations >= 8, "header, key and value are {operations} words");
     assert_eq!(found, BTreeSet::from([SAVED.1[0].to_bits()]), "until its last word is whole, the old one counts");
@@ -272,7 +194,7 @@ fn filling(saves: usize) -> impl Iterator<Item = (&'static str, f32)> {
 
 #[test]
 fn so_does_power_cut_while_a_full_page_is_left_for_a_sector_with_nothing_in_it() {
-    let (operations, found) = save_with_every_cut(&Sectors::after([KEPT].into_iter().chain(filling(ITEMS - 1))));
+    let (operations, found) = save_with_every_cut(&after([KEPT].into_iter().chain(filling(ITEMS - 1))));
     println!("{operations} operations, {found:?} found");
     assert_eq!(operations, 1 + 1 + 3 * 8 + 2, "two marks, two items moved and one written, a seal");
     assert!(found.contains(&SAVED.1[0].to_bits()), "until the seal is whole, the old one counts");
@@ -281,8 +203,8 @@ fn so_does_power_cut_while_a_full_page_is_left_for_a_sector_with_nothing_in_it()
 #[test]
 fn so_does_power_cut_while_the_other_sector_is_erased_first_whatever_is_in_it() {
     // The first save beyond a page leaves three items in the other one.
-    let used = Sectors::after([KEPT].into_iter().chain(filling(ITEMS + ITEMS - 3)));
-    let mut strange = Sectors::after([KEPT].into_iter().chain(filling(ITEMS - 1)));
+    let used = after([KEPT].into_iter().chain(filling(ITEMS + ITEMS - 3)));
+    let mut strange = after([KEPT].into_iter().chain(filling(ITEMS - 1)));
     for (n, byte) in strange.0[SECTOR_BYTES..].iter_mut().enumerate() {
         *byte = ((n as u32).wrapping_mul(2_654_435_761) >> 13) as u8;
     }
@@ -296,8 +218,8 @@ fn so_does_power_cut_while_the_other_sector_is_erased_first_whatever_is_in_it() 
 
 #[test]
 fn sectors_full_of_anything_are_said_to_be_lost_and_work_after_that() {
-    let strange = Sectors((0..2 * SECTOR_BYTES as u32).map(|n| (n.wrapping_mul(2_654_435_761) >> 13) as u8).collect());
-    let mut desk = Desk::with(&Sectors::erased());
+    let strange = Store((0..2 * SECTOR_BYTES as u32).map(|n| (n.wrapping_mul(2_654_435_761) >> 13) as u8).collect());
+    let mut desk = Desk::with(&Store::erased());
     desk.log.clear();
     desk.restart_with(&strange);
     // Two sectors are erased.
@@ -313,11 +235,33 @@ fn sectors_full_of_anything_are_said_to_be_lost_and_work_after_that() {
 
 #[test]
 fn noise_on_the_stations_line_costs_the_frame_it_hits_and_no_more() {
-    let mut desk = Desk::with(&Sectors::erased());
+    let mut desk = Desk::with(&Store::erased());
     let noise: Vec<u8> = (0..250_u32).map(|n| (n.wrapping_mul(2_654_435_761) >> 21) as u8).collect();
     desk.emulator.send_station(&noise);
     desk.pass(100);
     // What is left of the noise and this are one frame, which is wrong.
     desk.ask(&ToBoard::GetParameter(padded(KEPT.0)));
     assert_eq!(desk.get(KEPT.0), declared(KEPT.0).default);
+}
+
+#[test]
+fn a_motor_protocol_is_set_over_the_line_and_sent_from_the_next_start_on_and_no_other_is_taken() {
+    let mut desk = Desk::with(&Store::erased());
+    let sent = |desk: &mut Desk| {
+        // The first frame comes some 45 ms after the boot.
+        desk.pass(SAMPLE_HZ / 10);
+        desk.emulator.period().expect("the image runs").protocol
+    };
+    assert_eq!(sent(&mut desk), [Some(Protocol::DShot600); 4]);
+    for (value, protocol) in [(300.0, Protocol::DShot300), (0.0, Protocol::Pwm), (600.0, Protocol::DShot600)] {
+        let before = sent(&mut desk);
+        for refused in [150.0, 300.5, -300.0, f32::NAN] {
+            assert_eq!(desk.set("MOT_PROTOCOL", refused), Some(Outcome::OutOfRange), "{refused}");
+        }
+        assert_eq!(desk.set("MOT_PROTOCOL", value), Some(Outcome::Stored));
+        assert_eq!(sent(&mut desk), before, "until the next start");
+        // Speed controllers, too, must be switched off to listen to something else.
+        desk.restart();
+        assert_eq!(sent(&mut desk), [Some(protocol); 4]);
+    }
 }

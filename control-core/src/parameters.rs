@@ -30,10 +30,39 @@ pub struct Declaration {
     pub min: f32,
     /// Largest value.
     pub max: f32,
+    /// From one value to the next; 0 if there are some between any two.
+    pub step: f32,
     /// Value until it is set.
     pub default: f32,
     /// One line for people.
     pub text: &'static str,
+}
+
+impl Declaration {
+    /// Whether it may have this value.
+    pub fn takes(&self, value: f32) -> bool {
+        let steps = (value - self.min) / self.step;
+        (self.min..=self.max).contains(&value) && (self.step == 0.0 || steps == f32::from(steps as u16))
+    }
+}
+
+/// Which values it may have, with their unit: "0, 1 or 2", or "from 0.1 to 10 s".
+impl fmt::Display for Declaration {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { unit, min, max, step, .. } = self;
+        if *step == 0.0 {
+            write!(f, "from {min} to {max}")?;
+        } else {
+            let mut value = *min;
+            while value + step < *max {
+                write!(f, "{value}, ")?;
+                value += step;
+            }
+            write!(f, "{value} or {max}")?;
+        }
+        let space = if unit.is_empty() { "" } else { " " };
+        write!(f, "{space}{unit}")
+    }
 }
 
 /// Why a parameter was not set.
@@ -41,7 +70,7 @@ pub struct Declaration {
 pub enum ParameterError {
     /// There is none of this name.
     Unknown,
-    /// The value is outside its range, or not a number.
+    /// The value is not one that it may have, or not a number.
     OutOfRange {
         /// The parameter.
         declaration: &'static Declaration,
@@ -54,9 +83,8 @@ impl fmt::Display for ParameterError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Unknown => write!(f, "there is no parameter of this name"),
-            Self::OutOfRange { declaration: Declaration { name, unit, min, max, .. }, value } => {
-                let space = if unit.is_empty() { "" } else { " " };
-                write!(f, "{name} = {value}: must be from {min} to {max}{space}{unit}")
+            Self::OutOfRange { declaration, value } => {
+                write!(f, "{} = {value}: must be {declaration}", declaration.name)
             }
         }
     }
@@ -95,7 +123,7 @@ impl Parameters {
         let (Some(declaration), Some(slot)) = (TABLE.get(index), self.values.get_mut(index)) else {
             return Err(ParameterError::Unknown);
         };
-        if !(declaration.min..=declaration.max).contains(&value) {
+        if !declaration.takes(value) {
             return Err(ParameterError::OutOfRange { declaration, value });
         }
         *slot = value;
@@ -162,7 +190,7 @@ mod tests {
         for (i, d) in TABLE.iter().enumerate() {
             assert!(!d.name.is_empty() && d.name.len() <= NAME_LENGTH_MAX, "{}", d.name);
             assert!(d.name.bytes().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == b'_'), "{}", d.name);
-            assert!(d.min < d.max && (d.min..=d.max).contains(&d.default), "{}", d.name);
+            assert!(d.min < d.max && [d.min, d.max, d.default].iter().all(|&value| d.takes(value)), "{}", d.name);
             assert!(d.text.ends_with('.') && !d.text.contains('\n'), "{}", d.name);
             assert_eq!(index_of(d.name), Some(i), "{} is declared once", d.name);
         }
@@ -175,6 +203,10 @@ mod tests {
             ("FS_LINK_S", 100.0, "FS_LINK_S = 100: must be from 0.1 to 10 s"),
             ("FS_LINK_S", f32::NAN, "FS_LINK_S = NaN: must be from 0.1 to 10 s"),
             ("STICK_EXPO", -1.0, "STICK_EXPO = -1: must be from 0 to 0.9"),
+            ("MOT_PROTOCOL", 150.0, "MOT_PROTOCOL = 150: must be 0, 300 or 600"),
+            ("MOT_PROTOCOL", 300.5, "MOT_PROTOCOL = 300.5: must be 0, 300 or 600"),
+            ("MOT_PROTOCOL", 900.0, "MOT_PROTOCOL = 900: must be 0, 300 or 600"),
+            ("MOT_PROTOCOL", f32::NAN, "MOT_PROTOCOL = NaN: must be 0, 300 or 600"),
             ("FS_LINKS", 1.0, "there is no parameter of this name"),
         ] {
             let error = parameters.set(name, value).expect_err(name);

@@ -15,7 +15,7 @@
 //!
 //! # Source
 //! As `firmware/src/board/speedybee_f405_v4.rs`, where it is cited.
-use crate::device::esc::{Esc, Heard};
+use crate::device::esc::{Esc, Heard, Protocol};
 use crate::device::inertial_unit::{Inertial, InertialUnit};
 use crate::device::log_flash::LogFlash;
 use crate::device::sd_card::SdCard;
@@ -105,6 +105,7 @@ impl Board {
     pub(crate) fn cut_power(&mut self, now: u64) {
         self.imu.power_up();
         self.card.power_up();
+        self.escs.iter_mut().for_each(Esc::power_up);
         if let Some(flash) = &mut self.log_flash {
             flash.cut_power(now);
         }
@@ -164,13 +165,27 @@ impl Board {
     }
 
     /// A pulse on a motor's line.
-    pub(crate) fn pulse(&mut self, motor: usize, pulse: Pulse) {
+    ///
+    /// # Errors
+    /// What is wrong with it, if its speed controller cannot take it.
+    pub(crate) fn pulse(&mut self, motor: usize, pulse: Pulse) -> Result<(), String> {
         let esc = &mut self.escs[motor];
         let good = esc.good;
         esc.hear(pulse, CYCLES_US);
-        if esc.good > good && self.imu.ready_at > 0 {
+        // Pulses go on whether there are samples or not.
+        if esc.good > good && esc.protocol != Some(Protocol::Pwm) && self.imu.ready_at > 0 {
             self.latency_max = self.latency_max.max(esc.through_at - self.imu.ready_at);
         }
+        esc.refused.take().map_or(Ok(()), |Pulse { long, period, low, .. }| {
+            let us = |cycles: u64| cycles as f64 / CYCLES_US as f64;
+            let (long, period) = (us(long), us(period));
+            let level = if low { "low" } else { "high" };
+            Err(format!(
+                "motor {}'s line is {level} for {long:.3} us every {period:.3} us, which is of no protocol, or of another than {:?}",
+                motor + 1,
+                esc.protocol
+            ))
+        })
     }
 
     /// What the converter reads of a channel, 12 bits, and the pin it is on, if something is.

@@ -38,7 +38,7 @@ pub mod pipe;
 mod tasks;
 mod unit;
 
-pub use device::esc::Telemetry;
+pub use device::esc::{Protocol, Telemetry};
 pub use device::inertial_unit::Inertial;
 pub use device::sd_card::Busy;
 pub use device::sensor_bus::Health;

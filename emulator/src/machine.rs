@@ -8,6 +8,7 @@
 //! Asleep in WFI or WFE, time jumps to whatever happens next. Code in RAM is not modelled.
 use crate::board;
 use crate::chip::PORRSTF;
+use crate::device::esc::Protocol;
 use crate::exception::{self, ENTRY_CYCLES, FPCA};
 use crate::nvic::{HARD_FAULT, SV_CALL};
 use crate::peripheral::flash::FLASH_START;
@@ -42,6 +43,8 @@ pub struct Load {
 pub struct Motors {
     /// What each was told last: a DShot value, or the microseconds of a pulse.
     pub told: [Option<u16>; 4],
+    /// By what protocol.
+    pub protocol: [Option<Protocol>; 4],
     /// Frames and pulses that each has understood.
     pub good: [u32; 4],
     /// Frames that each could not understand.
@@ -163,6 +166,7 @@ impl Machine {
         let board = &self.state.borrow().chip.board;
         Motors {
             told: board.told(),
+            protocol: board.escs.map(|esc| esc.protocol),
             good: board.escs.map(|esc| esc.good),
             bad: board.escs.map(|esc| esc.bad),
             latency_max: board.latency_max,

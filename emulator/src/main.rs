@@ -131,8 +131,8 @@ impl Station {
 
 fn report(machine: &Machine, speed: f64) -> Result<()> {
     let Load { cycles, busy, instructions } = machine.load();
-    let Motors { told, good, bad, latency_max } = machine.motors();
-    println!("motors were told {told:?} last; understood {good:?}, not {bad:?}");
+    let Motors { told, protocol, good, bad, latency_max } = machine.motors();
+    println!("motors were told {told:?} last by {protocol:?}; understood {good:?}, not {bad:?}");
     println!("inertial sample ready to motor frame through: at most {latency_max} cycles");
     println!(
         "{cycles} cycles at {} MHz, load {:.2} % (at least {:.2} %), {speed:.2} times real time",

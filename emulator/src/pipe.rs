@@ -34,7 +34,8 @@
 //! | from it | then                                                                                               |
 //! |---------|----------------------------------------------------------------------------------------------------|
 //! | `s`     | u64 cycles, u64 busy ones of them, both since reset; u64 longest time from sample to frame, cycles; |
-//! |         | 4 × u16 what each motor was told last, 65535 for nothing; 4 × u32 frames and pulses that each understood; |
+//! |         | 4 × u16 what each motor was told last, 65535 for nothing, and 4 × u8 by what: 0 nothing yet, 1 DShot300, 2 DShot600, 3 pulses, whose microseconds these are; |
+//! |         | 4 × u32 frames and pulses that each understood;                                                     |
 //! |         | u32 words of the image's record of its last step, and those; u32 bytes of its log since the last answer, and those, UTF-8 |
 //! | `h`     | u32 how often power has been off; u32 bytes that the station has heard since it last asked, and those |
 //! | `z`     | u8: 1 the buzzer sounds, 0 it does not                                                              |
@@ -252,6 +253,7 @@ fn step(machine: &mut Machine, log: &mut Log, records: &mut Records) -> Result<V
     for told in motors.told {
         answer.extend(told.unwrap_or(u16::MAX).to_le_bytes());
     }
+    answer.extend(motors.protocol.map(|protocol| protocol.map_or(0, |protocol| protocol as u8)));
     for good in motors.good {
         answer.extend(good.to_le_bytes());
     }

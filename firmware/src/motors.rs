@@ -12,13 +12,12 @@ use firmware::dshot::{self, Dialogue};
 use firmware::erpm::{Heard, LISTEN_US, MOTORS, Tachometer, answers};
 use firmware::pulse::Pulse;
 
-use crate::board::{self, MotorEar, MotorPins, PROTOCOL};
+use crate::board::{self, MotorEar, MotorPins};
 use crate::tasks::now_us;
 
 /// What the speed controllers are sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[expect(dead_code, reason = "a board uses one of them")]
-pub(crate) enum Protocol {
+enum Protocol {
     /// Digital frames, 300 kbit/s.
     DShot300,
     /// Digital frames, 600 kbit/s.
@@ -31,8 +30,16 @@ pub(crate) enum Protocol {
 const PWM_HZ: u32 = 400;
 
 impl Protocol {
+    fn of(parameters: &Parameters) -> Self {
+        match parameters[Parameter::MotorProtocol] {
+            600.0 => Self::DShot600,
+            300.0 => Self::DShot300,
+            _ => Self::Pwm,
+        }
+    }
+
     /// Periods a second of the timers: DShot's bits, or pulses.
-    pub(crate) const fn timer_hz(self) -> u32 {
+    const fn timer_hz(self) -> u32 {
         match self {
             Self::DShot300 => 300_000,
             Self::DShot600 => 600_000,
@@ -50,6 +57,7 @@ impl Protocol {
 /// The motor outputs, in airframe order.
 pub(crate) struct Motors {
     pins: MotorPins,
+    protocol: Protocol,
     /// What listens to speed controllers, if they are asked.
     ear: Option<MotorEar>,
     tachometer: Tachometer,
@@ -59,29 +67,32 @@ pub(crate) struct Motors {
 }
 
 impl Motors {
-    /// Connects the outputs, with every motor told to stand.
+    /// Connects the outputs, with every motor told to stand. Until their first frame or pulse begins, lines that are not answered stay low.
     ///
     /// - `ear`: what listens, if anything can; it does so if the parameters say so.
     pub(crate) fn new(mut pins: MotorPins, ear: Option<MotorEar>, parameters: &Parameters) -> Self {
-        let asks = PROTOCOL != Protocol::Pwm && parameters[Parameter::DshotBidirectional] >= 0.5;
+        let protocol = Protocol::of(parameters);
+        let asks = protocol != Protocol::Pwm && parameters[Parameter::DshotBidirectional] >= 0.5;
         let mut ear = ear.filter(|_| asks);
-        if PROTOCOL == Protocol::Pwm {
+        pins.set_rate(protocol.timer_hz());
+        if protocol == Protocol::Pwm {
             pins.set_pulses(pulses(Command::Stop, pins.counts()));
         }
         if let Some(ear) = &mut ear {
-            ear.pull_up();
+            ear.prepare(protocol.timer_hz());
         }
         pins.enable(dialogue(ear.as_ref()));
         let tachometer = Tachometer::new(parameters[Parameter::MotorPoles]);
-        Self { pins, ear, tachometer, asked_us: 0, rotor_rad_s: None }
+        Self { pins, protocol, ear, tachometer, asked_us: 0, rotor_rad_s: None }
     }
 
-    /// Tells every motor what to do; with digital frames, returns when they are through, some 30 µs later.
+    /// Tells every motor what to do; with digital frames, returns when they are through, some 30 or 60 µs later.
+    /// Pulses begin when the one before has had its time.
     ///
     /// What speed controllers have answered to the frames before is taken apart while these are sent: it delays nothing.
     pub(crate) async fn write(&mut self, command: Command) {
         let Self { pins, ear, tachometer, .. } = self;
-        if PROTOCOL == Protocol::Pwm {
+        if self.protocol == Protocol::Pwm {
             pins.set_pulses(pulses(command, pins.counts()));
             return;
         }
@@ -94,11 +105,11 @@ impl Motors {
         };
         let dialogue = dialogue(ear.as_ref());
         let heard = ear.as_mut().and_then(|ear| ear.stop().then(|| ear.pins()));
-        let (before_us, now_us) = (self.asked_us, now_us());
+        let (before_us, now_us, frame_us) = (self.asked_us, now_us(), self.protocol.frame_us());
         let listen = async {
             let answers = heard.map(|pins| answers(board::heard(), pins));
             if let Some(ear) = ear.as_mut() {
-                ear.listen(now_us + PROTOCOL.frame_us() + LISTEN_US);
+                ear.listen(now_us + frame_us + LISTEN_US);
             }
             let rotor_rad_s = tachometer.hear(answers?, before_us)?;
             Some(Stamped { time_us: before_us, value: rotor_rad_s })

@@ -11,10 +11,12 @@ mod kinds;
 mod parts;
 mod said;
 mod sources;
+mod store;
 
 use parts::{Parts, parts};
 
-pub use kinds::{Health, Line, Mishap, Part, Telemetry};
+pub use kinds::{Health, Line, Mishap, Part, Protocol, Telemetry};
+pub use store::{SECTOR_BYTES, Store};
 
 /// What moves the body: specific force, m/s², and rate, rad/s, forward, right, down.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,12 +38,22 @@ pub struct Answer {
     pub latency_max: u64,
     /// What each motor was told last, if anything.
     pub told: [Option<u16>; 4],
+    /// What carried it.
+    pub protocol: [Option<Protocol>; 4],
     /// Frames that each speed controller has understood.
     pub understood: [u32; 4],
     /// The image's record of its last step, or of the oldest that was not in an answer yet; none if there is no such, and one is being written.
     pub record: Option<Record>,
     /// What it has logged.
     pub log: String,
+}
+
+impl Answer {
+    /// What each motor was told last, as a share of its fastest speed; 0 to stand.
+    pub fn speeds(&self) -> [f64; 4] {
+        let speed = |n: usize| Some(self.protocol[n]?.speed(self.told[n]?));
+        std::array::from_fn(|n| speed(n).unwrap_or(0.0))
+    }
 }
 
 /// What the image has taken of the chip.
@@ -178,12 +190,13 @@ impl Emulator {
         for told in &mut told {
             *told = Some(u16::from_le_bytes(self.bytes()?)).filter(|&value| value != u16::MAX);
         }
+        let protocol = self.bytes()?.map(Protocol::numbered);
         let mut understood = [0; 4];
         for understood in &mut understood {
             *understood = u32::from_le_bytes(self.bytes()?);
         }
         let record = self.record()?;
-        Ok(Answer { cycles, busy, latency_max, told, understood, record, log: self.text()? })
+        Ok(Answer { cycles, busy, latency_max, told, protocol, understood, record, log: self.text()? })
     }
 
     fn record(&mut self) -> io::Result<Option<Record>> {

@@ -237,7 +237,7 @@ impl Said {
         let mut parameters = Parameters::default();
         for known in &TABLE {
             let value = f32::from_bits(self.word(known.name)?);
-            let refused = |_| other(known.name, value.to_string(), format!("from {} to {}", known.min, known.max));
+            let refused = |_| other(known.name, value.to_string(), known.to_string());
             parameters.set(known.name, value).map_err(refused)?;
         }
         let resumed = Resumed::from_words(&self.memory);
@@ -479,7 +479,7 @@ mod tests {
         assert_eq!(known.flown().expect("all is said").parameters, parameters);
         for (name, bits, says) in [
             ("record_words", 7, "record_words: 7: must be "),
-            ("FS_LINK_S", 1e3_f32.to_bits(), "FS_LINK_S: 1000: must be from 0.1 to 10: the image (x, commit x) was"),
+            ("FS_LINK_S", 1e3_f32.to_bits(), "FS_LINK_S: 1000: must be from 0.1 to 10 s: the image (x, commit x) was"),
             ("FS_LINKS", 0, "FS_LINKS: set: must be a parameter that is known here"),
         ] {
             let before = known.words.insert(name.to_owned(), bits);

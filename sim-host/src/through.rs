@@ -9,7 +9,7 @@
 //! the image as its parts would tell them, quantised by their registers. What the image believes is read of the host's
 //! `Twin`, which is given what the image has decoded and must decide the same to the bit.
 use crate::aboard::HELD_S;
-use crate::emulator::{Answer, Emulator, EmulatorError, Taken};
+use crate::emulator::{Answer, Emulator, EmulatorError, Store, Taken};
 use crate::fault::sensors::SensorFault;
 use crate::flight::{Ending, Flight, Sample};
 use crate::machine::{Machine, Moment};
@@ -21,6 +21,7 @@ use control_core::flight::Unflyable;
 use control_core::geodesy::GeodesyError;
 use control_core::measurement::Measurements;
 use control_core::parameters::Parameters;
+use firmware::stored::SaveError;
 use said::Said;
 use std::time::Instant;
 use twin::Twin;
@@ -32,8 +33,6 @@ pub use twin::{Parting, Verdict};
 
 /// Core clock of the emulated chip, Hz.
 pub const CORE_HZ: f64 = 168e6;
-/// DShot's slowest and fastest value.
-const VALUES: [f64; 2] = [48.0, 2_047.0];
 
 /// Why an image cannot fly.
 #[derive(Debug, thiserror::Error)]
@@ -44,6 +43,9 @@ pub enum ThroughError {
     /// The host refuses what the image is configured with.
     #[error("{0}.{1} = {2}: cannot fly")]
     Unflyable(&'static str, &'static str, f32),
+    /// Its parameters cannot be stored.
+    #[error("the flash takes no parameters: {0:?}")]
+    Store(SaveError),
     /// The world's origin is no place on earth.
     #[error(transparent)]
     Place(#[from] GeodesyError),
@@ -100,7 +102,9 @@ fn fly(flight: &Flight, observe: &mut dyn FnMut(&Sample)) -> Result<(Option<Endi
     }
     let mut suite = Trimmed::new(keys, &faults, &machine.carrier());
     let mut outside = Outside::new(&scenario.event);
-    let mut image = Image::switch_on(keys)?;
+    // They were looked at when the scenario was read.
+    let parameters = scenario.autopilot.as_ref().and_then(|keys| keys.values().ok()).unwrap_or_default();
+    let mut image = Image::switch_on(keys, &parameters)?;
     let weight_torque_nm = machine.vehicle.weight_torque_nm();
     let began = Instant::now();
 
@@ -122,7 +126,8 @@ fn fly(flight: &Flight, observe: &mut dyn FnMut(&Sample)) -> Result<(Option<Endi
         let target = scenario.reference.target(t_s);
         outside.step(t_s);
         let next = image.period(t_s + HELD_S, &mut suite, &machine.world(&moment), &outside)?;
-        let shares = next.told.map(share);
+        // Of the largest thrust, which goes with the square of the speed.
+        let shares = next.speeds().map(|speed| speed * speed);
         suite.load = load(&shares.map(|share| share as f32));
         let command_n = shares.map(|share| share * machine.vehicle.thrust_n_max());
         let torque = machine.vehicle.torque_n_m(&command_n);
@@ -167,14 +172,7 @@ fn fly(flight: &Flight, observe: &mut dyn FnMut(&Sample)) -> Result<(Option<Endi
     Ok((ending, board))
 }
 
-/// Share of its largest thrust that a rotor makes whose speed controller was told this: speed follows what is told, thrust its square.
-fn share(told: Option<u16>) -> f64 {
-    let [slowest, fastest] = VALUES;
-    let speed = told.filter(|&told| told > 0).map_or(0.0, |told| (f64::from(told) - slowest) / (fastest - slowest));
-    speed * speed
-}
-
-/// Sensors whose calibration is taken off before the image reads them, as if it were soldered in: its own parameters are the defaults.
+/// Sensors whose calibration is taken off before the image reads them, as if it were soldered in: its own parameters for them are the defaults.
 struct Trimmed {
     suite: SensorSuite,
     calibration: Calibration,
@@ -207,10 +205,12 @@ struct Image {
 }
 
 impl Image {
-    fn switch_on(keys: &SensorKeys) -> Result<Self, ThroughError> {
+    fn switch_on(keys: &SensorKeys, parameters: &Parameters) -> Result<Self, ThroughError> {
         let mut emulator = Emulator::start()?;
+        let set = parameters.iter().filter(|(known, value)| *value != known.default);
+        emulator.fill_store(&Store::after(set.map(|(known, value)| (known.name, value))).map_err(ThroughError::Store)?);
         let said = Said::new(&mut emulator, keys)?;
-        let twin = Twin::new(&Parameters::default())
+        let twin = Twin::new(parameters)
             .map_err(|Unflyable { name: [part, name], value }| ThroughError::Unflyable(part, name, value))?;
         Ok(Self { emulator, said, twin, log: String::new() })
     }

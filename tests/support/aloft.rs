@@ -17,8 +17,6 @@ use sim_host::wind::Gust;
 pub const SAMPLE_HZ: u32 = 2_000;
 /// Samples between two frames of the radio.
 const RADIO_EVERY: u32 = 40;
-/// DShot's slowest and fastest value.
-const VALUES: [f64; 2] = [48.0, 2_047.0];
 /// Noise of a sample, 1 σ.
 const RATE_RAD_S: f64 = 2e-3;
 const FORCE_M_S2: f64 = 0.03;
@@ -225,11 +223,8 @@ impl Aloft {
         let heard = self.answer.understood[0];
         self.answer = self.emulator.period().expect("the image runs");
         let unheard = self.stops_unheard && self.answer.understood[0] == heard;
-        for (drive, told) in self.actuation.drives.iter_mut().zip(self.answer.told) {
-            let speed = told.filter(|&told| told > 0 && !unheard).map_or(0.0, |told| {
-                let [slowest, fastest] = VALUES;
-                (f64::from(told) - slowest) / (fastest - slowest)
-            });
+        for (drive, speed) in self.actuation.drives.iter_mut().zip(self.answer.speeds()) {
+            let speed = if unheard { 0.0 } else { speed };
             drive.command_n = speed * speed * self.vehicle.thrust_n_max();
         }
         self.plant.advance(&self.actuation, 1.0 / f64::from(SAMPLE_HZ), 1);

@@ -2,7 +2,7 @@
 use super::Declaration;
 
 macro_rules! parameters {
-    ($($id:ident $name:literal [$unit:literal] $min:literal ..= $max:literal, $default:literal, $text:literal;)+) => {
+    ($($id:ident $name:literal [$unit:literal] $min:literal ..= $max:literal $(by $step:literal)?, $default:literal, $text:literal;)+) => {
         /// Which one: its place in [`TABLE`].
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum Parameter { $(#[doc = $text] $id),+ }
@@ -13,6 +13,7 @@ macro_rules! parameters {
             unit: $unit,
             min: $min,
             max: $max,
+            step: 0.0 $(+ $step)?,
             default: $default,
             text: $text,
         }),+];
@@ -47,6 +48,7 @@ parameters! {
     ArmTilt "ARM_TILT_MAX" ["deg"] 1.0..=45.0, 15.0, "Tilt up to which it arms.";
     ArmMotors "ARM_MOTORS" [""] 0.0..=1.0, 0.0, "1: it arms only after the wiring check has passed.";
     MotorIdle "MOT_IDLE" [""] 0.0..=0.2, 0.05, "Command of a motor that idles on the ground, share of full.";
+    MotorProtocol "MOT_PROTOCOL" [""] 0.0..=600.0 by 300.0, 600.0, "Sent to motors: 600 DShot600, 300 DShot300, 0 pulses of 1 to 2 ms.";
     MotorPoles "MOT_POLES" [""] 2.0..=60.0, 14.0, "Magnets of a motor, counted one by one.";
     DshotBidirectional "DSHOT_BIDIR" [""] 0.0..=1.0, 1.0, "1: speed controllers tell their rotors' speeds; 0 if they cannot.";
     GainTilt "GAIN_TILT" [""] 0.5..=2.0, 1.0, "Factor on the gains of roll and pitch.";

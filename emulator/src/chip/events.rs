@@ -180,8 +180,10 @@ impl Chip {
                 let mine = self.gpio[port].mode(pin) == Mode::Alternate(board::MOTOR_FUNCTION);
                 (timer, channel) == (TIMERS[n], pulse.channel) && mine
             };
-            if let Some(motor) = board::MOTORS.iter().position(here) {
-                self.board.pulse(motor, pulse);
+            if let Some(motor) = board::MOTORS.iter().position(here)
+                && let Err(what) = self.board.pulse(motor, pulse)
+            {
+                self.fail(what);
             }
         }
     }

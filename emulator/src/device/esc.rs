@@ -1,15 +1,21 @@
 //! A speed controller: hears what is on its line, and answers on it where it is asked.
 //!
-//! Short pulses are the bits of a DShot frame: one if they last for more than half of the time between them, a frame being
-//! sixteen without a gap. Long pulses, of about 1 to 2 ms, are a speed by themselves.
+//! Pulses that come at 600 or 300 kHz are the bits of a DShot frame: ones if they last for three quarters of the time between them,
+//! zeros if for three eighths, a frame being sixteen without a gap. Pulses of 1 to 2 ms, at most 490 a second, are a speed by
+//! themselves. What it hears first it takes for its protocol until power goes: another one, or a pulse that is of none, is refused.
 //!
 //! A frame of low pulses, its checksum turned, is answered with the rotor's speed (`firmware/src/erpm.rs` says how): some 30 µs after its end, at
 //! five quarters of its speed, by a clock of the controller's own. Meanwhile it drives the line; before and after it does not.
 use crate::peripheral::timer::Pulse;
 use std::f32::consts::TAU;
+use std::ops::RangeInclusive;
 
-/// Pulses longer than this are no bits, µs.
-const BIT_US_MAX: u64 = 50;
+/// Bits a second of each kind of frame, and how far they may be off, per mille.
+const RATES: [(u64, Protocol); 2] = [(300_000, Protocol::DShot300), (600_000, Protocol::DShot600)];
+const OFF_PER_MILLE: u64 = 30;
+/// Widths of pulses that are a speed, and the shortest time between them, µs.
+const PULSE_US: RangeInclusive<u64> = 1_000..=2_000;
+const BETWEEN_US_MIN: u64 = 2_040;
 /// Pairs of a motor's poles.
 const POLE_PAIRS: f32 = 7.0;
 /// Bits of an answer.
@@ -27,6 +33,29 @@ pub(crate) enum Heard {
     Value(u16),
     /// A pulse, µs.
     PulseUs(u16),
+}
+
+/// What a controller takes its line to carry.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Protocol {
+    /// Frames at 300 kbit/s.
+    DShot300 = 1,
+    /// Frames at 600 kbit/s.
+    DShot600 = 2,
+    /// Pulses.
+    Pwm = 3,
+}
+
+impl Protocol {
+    /// The one that a pulse is of, if any.
+    fn of(pulse: &Pulse, cycles_us: u64) -> Option<Self> {
+        let near = |hz: u64| (pulse.period * hz).abs_diff(1_000_000 * cycles_us) <= OFF_PER_MILLE * 1_000 * cycles_us;
+        // Of the time between bits, in 64ths: 24 and 48.
+        let bit = matches!(64 * pulse.long / pulse.period, 22..=26 | 46..=50);
+        let frames = RATES.into_iter().find(|&(hz, _)| bit && near(hz)).map(|(_, protocol)| protocol);
+        let wide = PULSE_US.contains(&(pulse.long / cycles_us)) && pulse.period >= BETWEEN_US_MIN * cycles_us;
+        frames.or((wide && !pulse.low).then_some(Self::Pwm))
+    }
 }
 
 /// How a controller answers.
@@ -55,6 +84,10 @@ struct Answer {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Esc {
     pub(crate) heard: Heard,
+    /// Its protocol, once it has heard something.
+    pub(crate) protocol: Option<Protocol>,
+    /// A pulse that it cannot take.
+    pub(crate) refused: Option<Pulse>,
     /// Frames and pulses understood, frames with a wrong checksum or length.
     pub(crate) good: u32,
     pub(crate) bad: u32,
@@ -78,6 +111,8 @@ impl Esc {
         let (turn_around_us, off_per_mille) = [(27, -15), (29, 8), (31, -4), (33, 20)][n % 4];
         Self {
             heard: Heard::Nothing,
+            protocol: None,
+            refused: None,
             good: 0,
             bad: 0,
             through_at: 0,
@@ -92,9 +127,20 @@ impl Esc {
         }
     }
 
+    /// Power comes on again.
+    pub(crate) fn power_up(&mut self) {
+        (self.heard, self.protocol, self.answer) = (Heard::Nothing, None, None);
+    }
+
     /// A pulse has begun.
     pub(crate) fn hear(&mut self, pulse: Pulse, cycles_us: u64) {
-        if pulse.long > BIT_US_MAX * cycles_us {
+        let protocol = Protocol::of(&pulse, cycles_us);
+        if protocol.is_none() || self.protocol.is_some() && self.protocol != protocol {
+            self.refused = Some(pulse);
+            return;
+        }
+        self.protocol = protocol;
+        if protocol == Some(Protocol::Pwm) {
             self.heard = Heard::PulseUs((pulse.long / cycles_us) as u16);
             self.good += 1;
             self.through_at = pulse.at + pulse.long;
@@ -188,7 +234,43 @@ mod tests {
     fn a_long_pulse_is_a_speed() {
         let mut esc = Esc::new(0);
         esc.hear(Pulse { channel: 0, at: 0, long: 1_500 * 168, period: 2_500 * 168, low: false }, 168);
-        assert_eq!(esc.heard, Heard::PulseUs(1_500));
+        assert_eq!((esc.heard, esc.protocol), (Heard::PulseUs(1_500), Some(Protocol::Pwm)));
+    }
+
+    #[test]
+    fn frames_of_half_the_speed_are_understood_and_answered_at_half_the_speed() {
+        let mut esc = Esc::new(2);
+        for bit in 0..16 {
+            let long = if 0x82c9 >> (15 - bit) & 1 == 1 { 420 } else { 210 };
+            esc.hear(Pulse { channel: 0, at: 560 * bit, long, period: 560, low: true }, 168);
+        }
+        assert_eq!((esc.heard, esc.protocol), (Heard::Value(1_046), Some(Protocol::DShot300)));
+        let driven = (0..40_000).filter(|&now| esc.level(now).is_some()).count() as u64;
+        assert_eq!(driven, 21 * (560 * 4 / 5 * 996 / 1_000));
+    }
+
+    #[test]
+    fn what_is_of_no_protocol_or_of_another_than_before_is_refused() {
+        let pulse = |long, period, low| Pulse { channel: 0, at: 0, long, period, low };
+        for (why, other) in [
+            ("between a zero and a one", pulse(168, 280, false)),
+            ("at 150 kHz", pulse(840, 1_120, false)),
+            ("too short for a speed", pulse(900 * 168, 2_500 * 168, false)),
+            ("too long", pulse(2_100 * 168, 2_500 * 168, false)),
+            ("too often", pulse(1_000 * 168, 2_000 * 168, false)),
+            ("low", pulse(1_000 * 168, 2_500 * 168, true)),
+        ] {
+            let mut esc = Esc::new(0);
+            esc.hear(other, 168);
+            assert_eq!((esc.refused, esc.protocol), (Some(other), None), "{why}");
+        }
+        let (mut esc, slower) = (Esc::new(0), pulse(420, 560, false));
+        send(&mut esc, 0x82c6, 1_000, false);
+        esc.hear(slower, 168);
+        assert_eq!((esc.refused.take(), esc.good), (Some(slower), 1));
+        esc.power_up();
+        esc.hear(slower, 168);
+        assert_eq!((esc.refused, esc.protocol), (None, Some(Protocol::DShot300)));
     }
 
     #[test]

@@ -42,27 +42,21 @@ where
     Irqs: Binding<D::Interrupt, dma::InterruptHandler<D>>,
 {
     /// Deaf as yet, the lines belonging to their timers.
-    ///
-    /// - `frames_hz`: bits a second of the frames that are answered.
     #[cfg_attr(feature = "foxeer-f722-v4", expect(dead_code, reason = "that board has no stream left to listen by"))]
-    pub(super) fn new(
-        pacer: Peri<'static, T>,
-        stream: Peri<'static, D>,
-        port: Gpio,
-        pins: [u8; MOTORS],
-        frames_hz: u32,
-    ) -> Self {
+    pub(super) fn new(pacer: Peri<'static, T>, stream: Peri<'static, D>, port: Gpio, pins: [u8; MOTORS]) -> Self {
         let pacer = Timer::new(pacer);
         pacer.set_autoreload_preload(true);
-        let clock_hz = pacer.get_clock_frequency().0;
-        let sample_hz = frames_hz * SPEED_UP.0 / SPEED_UP.1 * SAMPLES_A_BIT;
-        let between = (clock_hz + sample_hz / 2) / sample_hz;
-        let counts = ((clock_hz / 1_000_000) as u16, between as u16);
-        Self { pacer, stream, port, pins, counts, transfer: None }
+        Self { pacer, stream, port, pins, counts: (0, 0), transfer: None }
     }
 
     /// Lets the lines rest high where nobody drives them, as those of speed controllers that may answer must. Before any task runs.
-    pub(crate) fn pull_up(&mut self) {
+    ///
+    /// - `frames_hz`: bits a second of the frames that are answered.
+    pub(crate) fn prepare(&mut self, frames_hz: u32) {
+        let clock_hz = self.pacer.get_clock_frequency().0;
+        let sample_hz = frames_hz * SPEED_UP.0 / SPEED_UP.1 * SAMPLES_A_BIT;
+        let between = (clock_hz + sample_hz / 2) / sample_hz;
+        self.counts = ((clock_hz / 1_000_000) as u16, between as u16);
         self.port.pupdr().modify(|w| self.pins.iter().for_each(|&pin| w.set_pupdr(pin.into(), vals::Pupdr::PULL_UP)));
     }
 

@@ -55,7 +55,7 @@ use firmware::dshot::{self, Dialogue};
 use firmware::icm42688::Mount;
 use firmware::{crsf, mpu6000, pose, ubx};
 
-use super::bank::Bank;
+use super::bank::{Bank, UNTOLD};
 use super::ear::Ear;
 use super::gauge::Gauge;
 use super::{
@@ -64,15 +64,12 @@ use super::{
 };
 use crate::gnss;
 use crate::log_bus::{self, LogBus};
-use crate::motors::Protocol;
 
 /// The board's name, for the log.
 pub(crate) const NAME: &str = "Foxeer F722 V4";
 /// Whether the flight log may be on a card, and in a flash chip.
 pub(crate) const LOG_ON_CARD: bool = false;
 pub(crate) const LOG_ON_FLASH: bool = true;
-/// What the speed controllers are sent.
-pub(crate) const PROTOCOL: Protocol = Protocol::DShot600;
 /// Battery voltage over pin voltage.
 pub(crate) const BATTERY_DIVIDER: f32 = 11.0;
 /// Time in which a line of the battery is sampled.
@@ -133,6 +130,12 @@ pub(crate) struct MotorPins {
 pub(crate) type MotorEar = Ear<TIM1, DMA2_CH5>;
 
 impl MotorPins {
+    /// Sets the timers' periods a second, before they are enabled.
+    pub(crate) fn set_rate(&mut self, hz: u32) {
+        self.first.set_rate(hz);
+        self.second.set_rate(hz);
+    }
+
     /// The timers' counts in one period, which are the counts of a DShot bit or of the time between pulses.
     pub(crate) fn counts(&self) -> u32 {
         self.first.counts()
@@ -170,7 +173,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
     let push = OutputType::PushPull;
     let (m1, m2) = (PwmPin::new(p.PA9, push), PwmPin::new(p.PA8, push));
     let (m3, m4) = (PwmPin::new(p.PC9, push), PwmPin::new(p.PC8, push));
-    let (rate, up) = (Hertz(PROTOCOL.timer_hz()), CountingMode::EdgeAlignedUp);
+    let (rate, up) = (UNTOLD, CountingMode::EdgeAlignedUp);
     let first = SimplePwm::new(p.TIM1, Some(m2), Some(m1), None, None, rate, up);
     let second = SimplePwm::new(p.TIM8, None, None, Some(m4), Some(m3), rate, up);
     let gnss = Uart::new(p.USART2, p.PA3, p.PA2, p.DMA1_CH6, p.DMA1_CH5, Irqs, line_config(ubx::BAUD));

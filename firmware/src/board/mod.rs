@@ -45,8 +45,8 @@ pub(crate) use ear::heard;
 pub(crate) use gauge::Gauge;
 
 pub(crate) use chosen::{
-    BATTERY_DIVIDER, IMU_MOUNT, LOG_ON_CARD, LOG_ON_FLASH, MotorEar, MotorPins, NAME, PROTOCOL, STATUS_ON, SensorBus,
-    SensorPins, init, start_control_executor,
+    BATTERY_DIVIDER, IMU_MOUNT, LOG_ON_CARD, LOG_ON_FLASH, MotorEar, MotorPins, NAME, STATUS_ON, SensorBus, SensorPins,
+    init, start_control_executor,
 };
 
 /// Time after which the watchdog resets the chip, without a step that took no longer than the law can be flown with, µs.

@@ -56,7 +56,7 @@ use firmware::dshot::{self, Dialogue};
 use firmware::icm42688::Mount;
 use firmware::{crsf, mpu6000, pose, ubx};
 
-use super::bank::Bank;
+use super::bank::{Bank, UNTOLD};
 use super::ear::Ear;
 use super::gauge::Gauge;
 use super::{
@@ -64,15 +64,12 @@ use super::{
     usb_config,
 };
 use crate::gnss;
-use crate::motors::Protocol;
 
 /// The board's name, for the log.
 pub(crate) const NAME: &str = "Orbit H743";
 /// Whether the flight log may be on a card, and in a flash chip.
 pub(crate) const LOG_ON_CARD: bool = false;
 pub(crate) const LOG_ON_FLASH: bool = false;
-/// What the speed controllers are sent.
-pub(crate) const PROTOCOL: Protocol = Protocol::DShot600;
 /// Battery voltage over pin voltage.
 pub(crate) const BATTERY_DIVIDER: f32 = 10.1;
 /// Time in which a line of the battery is sampled.
@@ -124,6 +121,11 @@ sensor_bus!(I2C1, PB8, PB9, DMA1_CH3, DMA1_CH4);
 pub(crate) struct MotorPins(Bank<TIM2, DMA1_CH6, 4>);
 
 impl MotorPins {
+    /// Sets the timers' periods a second, before they are enabled.
+    pub(crate) fn set_rate(&mut self, hz: u32) {
+        self.0.set_rate(hz);
+    }
+
     /// The timer's counts in one period, which are the counts of a DShot bit or of the time between pulses.
     pub(crate) fn counts(&self) -> u32 {
         self.0.counts()
@@ -160,13 +162,13 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
     let push = OutputType::PushPull;
     let (m1, m2) = (PwmPin::new(p.PA0, push), PwmPin::new(p.PA1, push));
     let (m3, m4) = (PwmPin::new(p.PA2, push), PwmPin::new(p.PA3, push));
-    let (rate, up) = (Hertz(PROTOCOL.timer_hz()), CountingMode::EdgeAlignedUp);
+    let (rate, up) = (UNTOLD, CountingMode::EdgeAlignedUp);
     let timer = SimplePwm::new(p.TIM2, Some(m1), Some(m2), Some(m3), Some(m4), rate, up);
     let gnss = Uart::new(p.USART6, p.PC7, p.PC6, p.DMA1_CH0, p.DMA1_CH1, Irqs, line_config(ubx::BAUD));
     let (bitten, browned_out) = take_causes();
     Board {
         motors: MotorPins(Bank::new(timer, p.DMA1_CH6, [Ch1, Ch2, Ch3, Ch4])),
-        ear: Some(Ear::new(p.TIM1, p.DMA2_CH1, pac::GPIOA, [0, 1, 2, 3], PROTOCOL.timer_hz())),
+        ear: Some(Ear::new(p.TIM1, p.DMA2_CH1, pac::GPIOA, [0, 1, 2, 3])),
         imu_bus: Spi::new(
             p.SPI1,
             p.PA5,

@@ -54,7 +54,7 @@ use firmware::dshot::{self, Dialogue};
 use firmware::icm42688::Mount;
 use firmware::{crsf, mpu6000, pose, ubx};
 
-use super::bank::Bank;
+use super::bank::{Bank, UNTOLD};
 use super::ear::Ear;
 use super::gauge::Gauge;
 use super::{
@@ -63,15 +63,12 @@ use super::{
 };
 use crate::gnss;
 use crate::log_bus::{self, LogBus};
-use crate::motors::Protocol;
 
 /// The board's name, for the log.
 pub(crate) const NAME: &str = "SpeedyBee F405 V4";
 /// Whether the flight log may be on a card, and in a flash chip, which a builder may put there.
 pub(crate) const LOG_ON_CARD: bool = true;
 pub(crate) const LOG_ON_FLASH: bool = true;
-/// What the speed controllers are sent.
-pub(crate) const PROTOCOL: Protocol = Protocol::DShot600;
 /// Battery voltage over pin voltage.
 pub(crate) const BATTERY_DIVIDER: f32 = 11.0;
 /// Time in which a line of the battery is sampled.
@@ -130,6 +127,12 @@ pub(crate) struct MotorPins {
 pub(crate) type MotorEar = Ear<TIM1, DMA2_CH5>;
 
 impl MotorPins {
+    /// Sets the timers' periods a second, before they are enabled.
+    pub(crate) fn set_rate(&mut self, hz: u32) {
+        self.first.set_rate(hz);
+        self.second.set_rate(hz);
+    }
+
     /// The timers' counts in one period, which are the counts of a DShot bit or of the time between pulses.
     pub(crate) fn counts(&self) -> u32 {
         self.first.counts()
@@ -167,7 +170,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
     let push = OutputType::PushPull;
     let (m1, m2) = (PwmPin::new(p.PB6, push), PwmPin::new(p.PB7, push));
     let (m3, m4) = (PwmPin::new(p.PB0, push), PwmPin::new(p.PB1, push));
-    let (rate, up) = (Hertz(PROTOCOL.timer_hz()), CountingMode::EdgeAlignedUp);
+    let (rate, up) = (UNTOLD, CountingMode::EdgeAlignedUp);
     let first = SimplePwm::new(p.TIM4, Some(m1), Some(m2), None, None, rate, up);
     let second = SimplePwm::new(p.TIM3, None, None, Some(m3), Some(m4), rate, up);
     let gnss = Uart::new(p.USART6, p.PC7, p.PC6, p.DMA2_CH6, p.DMA2_CH1, Irqs, line_config(ubx::BAUD));
@@ -177,7 +180,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
             first: Bank::new(first, p.DMA1_CH6, [Ch1, Ch2]),
             second: Bank::new(second, p.DMA1_CH2, [Ch3, Ch4]),
         },
-        ear: Some(Ear::new(p.TIM1, p.DMA2_CH5, pac::GPIOB, [6, 7, 0, 1], PROTOCOL.timer_hz())),
+        ear: Some(Ear::new(p.TIM1, p.DMA2_CH5, pac::GPIOB, [6, 7, 0, 1])),
         imu_bus: Spi::new(
             p.SPI1,
             p.PA5,

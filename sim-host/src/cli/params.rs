@@ -64,7 +64,7 @@ pub(super) fn table(parameters: &Parameters, style: comfy_table::TableStyle) -> 
     let mut table = Table::new();
     let header = ["name", "value", "from", "to", "unit", "what"];
     let rows = parameters.iter().map(|(declaration, value)| {
-        let Declaration { name, unit, min, max, default: _, text } = *declaration;
+        let Declaration { name, unit, min, max, text, .. } = *declaration;
         [name.to_owned(), value.to_string(), min.to_string(), max.to_string(), unit.to_owned(), text.to_owned()]
     });
     table.load_style(style).set_content_arrangement(ContentArrangement::Disabled).set_header(header).add_rows(rows);
@@ -75,6 +75,6 @@ pub(super) fn table(parameters: &Parameters, style: comfy_table::TableStyle) -> 
 }
 
 fn object((declaration, value): (&Declaration, f32)) -> serde_json::Value {
-    let Declaration { name, unit, min, max, default, text } = declaration;
-    json!({ "name": name, "value": value, "min": min, "max": max, "default": default, "unit": unit, "text": text })
+    let Declaration { name, unit, min, max, step, default, text } = declaration;
+    json!({ "name": name, "value": value, "min": min, "max": max, "step": step, "default": default, "unit": unit, "text": text })
 }

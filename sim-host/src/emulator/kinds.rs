@@ -71,3 +71,28 @@ pub enum Line {
     /// The vision computer's.
     Vision = 2,
 }
+
+/// What carries commands to a motor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Protocol {
+    /// Frames at 300 kbit/s.
+    DShot300,
+    /// Frames at 600 kbit/s.
+    DShot600,
+    /// Pulses of 1 to 2 ms.
+    Pwm,
+}
+
+impl Protocol {
+    /// By its number in the pipe.
+    pub(super) fn numbered(number: u8) -> Option<Self> {
+        [None, Some(Self::DShot300), Some(Self::DShot600), Some(Self::Pwm)].get(usize::from(number)).copied().flatten()
+    }
+
+    /// Share of its fastest speed that a motor is told by a number: a frame's value, or the microseconds of a pulse.
+    pub fn speed(self, told: u16) -> f64 {
+        let (told, [slowest, fastest]) =
+            (f64::from(told), if self == Self::Pwm { [1e3, 2e3] } else { [48.0, 2_047.0] });
+        ((told - slowest) / (fastest - slowest)).max(0.0)
+    }
+}

@@ -29,8 +29,10 @@ impl Scenario {
         let Some(autopilot) = &self.autopilot else {
             return refuse("autopilot", "nothing", "a table: the image begins on the ground");
         };
-        if let Some((name, value)) = autopilot.parameters.first_key_value() {
-            return refuse(&format!("autopilot.parameters.{name}"), value, "left out: the image boots with its own");
+        let calibrates = |name: &str| ["ACC_", "MAG_"].iter().any(|part| name.starts_with(part));
+        if let Some((name, value)) = autopilot.parameters.iter().find(|(name, _)| calibrates(name)) {
+            let allowed = "left out: what the image is shown is calibrated";
+            return refuse(&format!("autopilot.parameters.{name}"), value, allowed);
         }
         let name = ControllerName::Default;
         if self.controllers.contains_key(&name) {
