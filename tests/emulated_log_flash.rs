@@ -4,11 +4,15 @@
 //! Needs cmake and libclang (`cargo xtask setup`), and so a feature: `cargo test --features emulated --test emulated_log_flash`.
 use flight_link::{FromBoard, LogRefusal, LogWish, ToBoard};
 use sim_host::emulator::{Mishap, Served};
+use sim_host::replay::starts;
 use system_tests::aloft::{Aloft, ByHand, Hands, SAMPLE_HZ};
 use system_tests::card::Card;
 use system_tests::log_flash::LogFlash;
 use system_tests::logged::{assert_on_time, read, stand, whole};
 use system_tests::sim_host;
+
+/// What the image may be busy, with the log.
+const LOAD_MAX: f64 = 0.5;
 
 fn on_the_ground(flash: &LogFlash) -> Aloft {
     Aloft::prepared(|emulator| emulator.solder_log_flash(flash.path()))
@@ -32,6 +36,9 @@ fn a_flight_is_decided_again_from_the_chip_and_power_that_fails_aloft_leaves_all
     assert!(log.contains("the flight log is in the log flash, block"), "{log}");
     assert_on_time(&log.replace("INFO", "\nINFO"), 8);
     assert!(aloft.truth().altitude_m() > 1.0);
+    let load = aloft.answer.busy as f64 / aloft.answer.cycles as f64;
+    println!("load {:.1} %", 100.0 * load);
+    assert!(load <= LOAD_MAX, "{load}");
     let steps = aloft.answer.record.expect("it has stepped").step;
     aloft.inflict(Mishap::PowerCut);
     let log = stand(&mut aloft, 11.5);
@@ -159,4 +166,27 @@ fn stand_armed(aloft: &mut Aloft, until_s: f64) {
     while aloft.time_s() < until_s {
         aloft.step(&Hands { arm: true, ..Hands::default() });
     }
+}
+
+#[test]
+fn power_that_fails_while_the_chip_is_erased_leaves_older_logs_and_the_next_one_is_whole() {
+    const SECTOR: usize = 64 << 10;
+    let older = [b"QF", &[7; 510][..]].concat().repeat(3 * SECTOR / 512);
+    let flash = LogFlash::filled(&older);
+    let mut aloft = on_the_ground(&flash);
+    stand(&mut aloft, 1.5);
+    aloft.say(&ToBoard::Log(LogWish::Erase));
+    // Of four sectors one is erased by then, and a part of the next.
+    let log = stand(&mut aloft, 1.75);
+    assert!(log.lines().all(|line| !line.contains("no flight log")), "{log}");
+    aloft.inflict(Mishap::PowerCut);
+    let log = stand(&mut aloft, 4.0);
+    assert_on_time(&log, 1);
+    let after = flash.log();
+    assert!(after[..2 * SECTOR] == older[..2 * SECTOR], "what it had not come to is as it was");
+    // What was half erased belongs to no log that can be read; the new one is behind it.
+    let newest = starts(&mut &*after).expect("logs").pop().expect("a log");
+    let told = read(&after[newest.offset as usize..]).remove(0);
+    println!("{} steps, {:?}", told.steps, told.damage);
+    assert!(told.steps > u64::from(2 * SAMPLE_HZ) && told.gaps.is_empty());
 }

@@ -27,7 +27,7 @@ use firmware::stored::{Loaded, SaveError};
 use firmware::telemetry::Snapshot;
 use flight_link::{FromBoard, LogRefusal, MotorTest, Order, Outcome, ParameterName, Status, ToBoard, VERSION, Verdict};
 
-use crate::board::Store;
+use crate::board::{LOG_ON_CARD, LOG_ON_FLASH, Store};
 use crate::kept::Kept;
 use crate::line::{Line, RECORDS, SERIAL, USB};
 use crate::recorder;
@@ -142,6 +142,7 @@ async fn answer(line: &'static Line, record: ToBoard, store: &mut Store, paramet
             (order == Order::Restart && verdict == Verdict::Done, FromBoard::Ordered(verdict))
         }
         ToBoard::Log(_) if runs() => (false, FromBoard::LogRefused(LogRefusal::Armed)),
+        ToBoard::Log(_) if !(LOG_ON_CARD || LOG_ON_FLASH) => (false, FromBoard::LogRefused(LogRefusal::Absent)),
         ToBoard::Log(wish) => return recorder::WISH.signal((line, wish)),
         ToBoard::VisionPose(_) => return,
     };
