@@ -187,7 +187,8 @@ fn with_its_rotors_running_thrown_about_and_told_anything_it_decides_as_the_host
         });
         emulator.set_air(soil(101_325.0 + 100.0 * sine(0.4) + noise_x, 20), soil(20.0, 20));
         emulator.set_field(Vec3::new(soil(20.0, 20), soil(20.0 * sine(0.3), 20), soil(43.0, 20)));
-        emulator.set_battery(soil(11.1, 500));
+        let battery_v = soil(11.1, 500);
+        emulator.set_battery(battery_v, 0.4 * battery_v);
         if step.is_multiple_of(20) {
             let position_m = Vec3::new(soil(sine(0.2), 8), soil(sine(0.3), 8), soil(-1.0, 8));
             let sigma = [soil(0.01, 30), soil(0.01, 30)];

@@ -1,8 +1,12 @@
 //! The station's line: what the image says of itself over it, and what may be asked of it. On the emulator.
 //!
 //! Needs cmake and libclang (`cargo xtask setup`), and so a feature: `cargo test --features emulated --test emulated_station`.
-use flight_link::{FromBoard, Motion, MotorTest, Order, Rotors, Status, ToBoard, VERSION, Verdict, Wiring};
-use sim_host::emulator::Served;
+use control_core::arming::Check;
+use control_core::set::Member;
+use flight_link::{
+    FromBoard, Motion, MotorTest, Order, ParameterName, Rotors, Status, ToBoard, VERSION, Verdict, Wiring,
+};
+use sim_host::emulator::{Mishap, Served};
 use system_tests::aloft::{Aloft, Hands};
 use system_tests::sim_host as run;
 
@@ -152,6 +156,60 @@ fn it_says_how_it_is_ten_times_a_second_and_obeys_nothing_while_armed() {
     ground.pass(0.6);
     let status = ground.status();
     assert!(status.steps < 2_000, "it has begun anew: {status:?}");
+}
+
+fn padded(name: &str) -> ParameterName {
+    std::array::from_fn(|n| name.as_bytes().get(n).copied().unwrap_or(0))
+}
+
+/// What a step of the battery's converter is: volts and amperes.
+const STEP: [f32; 2] = [3.3 * 11.0 / 4_095.0, 3.3 * 25.0 / 4_095.0];
+
+#[test]
+fn the_battery_is_said_to_a_step_of_its_converter_and_what_cannot_be_read_is_not() {
+    let mut ground = Ground::new();
+    ground.pass(0.1);
+    for (name, value) in [("BAT_CELLS", 4.0), ("BAT_USE_MAX", 10.0)] {
+        ground.aloft.say(&ToBoard::SetParameter(padded(name), value));
+        ground.pass(0.1);
+    }
+    assert_eq!(ground.order(Order::Restart), Verdict::Done);
+    ground.pass(0.6);
+    // Voltage and current that are there; those that are said; whether arming is refused for it.
+    let table = [
+        ("in the middle", [16.1, 21.7], [Some(16.1), Some(21.7)], false),
+        ("at the ends that can be", [35.8, 0.0], [Some(35.8), Some(0.0)], false),
+        ("low", [13.9, 1.5], [Some(13.9), Some(1.5)], true),
+        ("both lines torn off", [0.0, 0.0], [None, Some(0.0)], true),
+        ("both at the supply", [99.0, 999.0], [None, None], true),
+        ("back", [16.1, 5.0], [Some(16.1), Some(5.0)], false),
+    ];
+    for (why, there, said, refused) in table {
+        ground.aloft.tell(|emulator| emulator.set_battery(there[0], there[1]));
+        ground.pass(if said.contains(&None) { 1.3 } else { 0.35 });
+        let status = ground.status();
+        for ((read, said), step) in [status.battery_v, status.battery_a].into_iter().zip(said).zip(STEP) {
+            let good = said.map_or(read.is_nan(), |said| (read - said).abs() <= 0.51 * step);
+            assert!(good, "{why}: {status:?}");
+        }
+        let battery = status.failing & 1 << Check::Battery.index() != 0;
+        assert_eq!(battery, refused, "{why}: {status:?}");
+    }
+
+    ground.aloft.tell(|emulator| emulator.inflict(Mishap::ConverterHangs));
+    ground.pass(1.5);
+    let hung = ground.status();
+    assert!(hung.battery_v.is_nan() && hung.battery_a.is_nan() && hung.late == 0, "{hung:?}");
+    ground.pass(0.9);
+    let before = ground.status();
+    assert_eq!((before.battery_v.is_nan(), before.battery_a.is_nan()), (false, false), "{before:?}");
+    ground.aloft.tell(|emulator| emulator.set_battery(16.1, 30.0));
+    ground.pass(1.0);
+    let after = ground.status();
+    let used_as = after.used_as - before.used_as;
+    // A reading more or less than ten, and the first of them but half.
+    assert!((25.0..34.0).contains(&used_as), "{used_as} A s of 30");
+    assert!(after.used_as > 36.0 && after.failing & 1 << Check::Battery.index() != 0, "10 mAh are used: {after:?}");
 }
 
 /// What `sim-host station` says, and whether it was content.

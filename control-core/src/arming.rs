@@ -66,7 +66,8 @@ checks! {
     GyroStill "the machine moves", |f, _| f.rate_rad_s.norm_squared() < STILL_RAD_S * STILL_RAD_S;
     Level "the accelerometer does not feel level ground", |f, l| f.feels_one_g() && f.leans_less(l.upright);
     Estimate "the estimate is not healthy enough for the mode", |f, _| f.level >= f.mode.needs();
-    Battery "the battery is low, or not measured", |f, l| !l.has_battery || f.cell_v.is_some_and(|v| v > l.cell_low_v);
+    Battery "the battery is low, or not measured",
+        |f, l| (!l.has_battery || f.cell_v.is_some_and(|v| v > l.cell_low_v)) && f.used_as <= l.used_as;
     Motors "the wiring check has not passed", |f, l| !l.motors || f.wiring_passed;
     Bench "a test on the bench is running", |f, _| !f.on_bench;
     Late "the control loop is late", |f, _| !f.late;
@@ -96,6 +97,8 @@ pub struct Facts {
     pub level: Level,
     /// Voltage of a cell, if somebody measures it, V.
     pub cell_v: Option<f32>,
+    /// Charge taken from the battery since the machine was switched on, A s.
+    pub used_as: f32,
     /// Whether the wiring check has passed since power-up.
     pub wiring_passed: bool,
     /// Whether the bench has the motors.
@@ -115,6 +118,8 @@ pub struct Limits {
     pub has_battery: bool,
     /// Voltage of a cell that is low, V.
     pub cell_low_v: f32,
+    /// Charge of the battery that may be used, A s; infinite if nobody minds.
+    pub used_as: f32,
     /// Whether the wiring check is asked for.
     pub motors: bool,
 }
@@ -127,6 +132,7 @@ impl From<&Parameters> for Limits {
             upright: crate::math::cos(parameters.rad(Parameter::ArmTilt)),
             has_battery: p(Parameter::BatCells) > 0.0,
             cell_low_v: p(Parameter::BatLowV),
+            used_as: parameters.battery_use_as(),
             motors: p(Parameter::ArmMotors) > 0.5,
         }
     }
@@ -212,6 +218,7 @@ mod tests {
             force_m_s2: Vec3::new(0.0, 0.0, -GRAVITY_M_S2),
             level: Level::Position,
             cell_v: Some(4.0),
+            used_as: 3_000.0,
             wiring_passed: true,
             on_bench: false,
             late: false,
@@ -220,7 +227,7 @@ mod tests {
 
     fn limits() -> Limits {
         let mut parameters = Parameters::default();
-        for (name, value) in [("ARM_MOTORS", 1.0), ("BAT_CELLS", 4.0)] {
+        for (name, value) in [("ARM_MOTORS", 1.0), ("BAT_CELLS", 4.0), ("BAT_USE_MAX", 1_000.0)] {
             parameters.set(name, value).expect("in its range");
         }
         Limits::from(&parameters)
@@ -230,7 +237,7 @@ mod tests {
     fn every_check_fails_alone_and_says_why() {
         assert!(good().failing(&limits()).is_empty());
         let leaning = Vec3::new(GRAVITY_M_S2 * 0.5, 0.0, -GRAVITY_M_S2 * 0.866);
-        let cases: [(Check, Facts); 22] = [
+        let cases: [(Check, Facts); 23] = [
             (Check::Link, Facts { link_age_s: 0.6, ..good() }),
             (Check::Link, Facts { link_age_s: f32::INFINITY, ..good() }),
             (Check::Link, Facts { link_age_s: f32::NAN, ..good() }),
@@ -250,6 +257,7 @@ mod tests {
             (Check::Estimate, Facts { level: Level::Altitude, ..good() }),
             (Check::Battery, Facts { cell_v: Some(3.4), ..good() }),
             (Check::Battery, Facts { cell_v: None, ..good() }),
+            (Check::Battery, Facts { used_as: 3_601.0, ..good() }),
             (Check::Motors, Facts { wiring_passed: false, ..good() }),
             (Check::Bench, Facts { on_bench: true, ..good() }),
             (Check::Late, Facts { late: true, ..good() }),

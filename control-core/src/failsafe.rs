@@ -23,6 +23,8 @@ pub struct Facts {
     pub offboard_age_s: f32,
     /// Voltage of a cell, if somebody measures it, V.
     pub cell_v: Option<f32>,
+    /// Charge taken from the battery since the machine was switched on, A s.
+    pub used_as: f32,
     /// Horizontal distance from home, if both are known, m.
     pub from_home_m: Option<f32>,
     /// Height above home, if both are known, m.
@@ -65,6 +67,8 @@ pub struct Limits {
     pub offboard_s: f32,
     /// Low and critical voltage of a cell, V.
     pub cell_v: (f32, f32),
+    /// Charge of the battery that may be used, A s; infinite if nobody minds.
+    pub used_as: f32,
     /// Radius of the fence, m; infinite for none.
     pub fence_radius_m: f32,
     /// Height of the fence above home, m; infinite for none.
@@ -81,6 +85,7 @@ impl From<&Parameters> for Limits {
             link_s: p(Parameter::FsLinkS),
             offboard_s: p(Parameter::FsOffboardS),
             cell_v: (p(Parameter::BatLowV), p(Parameter::BatCriticalV)),
+            used_as: parameters.battery_use_as(),
             fence_radius_m: fence(p(Parameter::FenceRadius)),
             fence_height_m: fence(p(Parameter::FenceHeight)),
             upright: crate::math::cos(parameters.rad(Parameter::FsTilt)),
@@ -196,8 +201,8 @@ failsafes! {
         |f, _| f.rotor_lost, after 1.0, Land, overrule false;
     Overrun "control loop late", "every tick late",
         |f, _| f.late, after 0.2, Land, overrule false;
-    BatteryLow "battery low", "a cell below BAT_LOW_V, and a position to return by",
-        |f, l| f.level >= Level::Position && f.cell_v.is_some_and(|v| v < l.cell_v.0), after 5.0, Return, overrule true;
+    BatteryLow "battery low", "a cell below BAT_LOW_V or more than BAT_USE_MAX used, and a position to return by",
+        |f, l| f.level >= Level::Position && (f.cell_v.is_some_and(|v| v < l.cell_v.0) || f.used_as > l.used_as), after 5.0, Return, overrule true;
     Fence "geofence", "beyond FENCE_RADIUS or FENCE_HEIGHT",
         |f, l| {
             let beyond = |far_m: Option<f32>, limit_m| far_m.is_some_and(|m| m > limit_m);
@@ -279,6 +284,7 @@ mod tests {
             link_age_s: 0.02,
             offboard_age_s: f32::INFINITY,
             cell_v: Some(4.0),
+            used_as: 3_000.0,
             from_home_m: Some(10.0),
             height_m: Some(10.0),
             upright: 1.0,
@@ -290,6 +296,7 @@ mod tests {
     fn limits() -> Limits {
         let mut parameters = Parameters::default();
         parameters.set("FENCE_RADIUS", 100.0).expect("in its range");
+        parameters.set("BAT_USE_MAX", 1_000.0).expect("in its range");
         Limits::from(&parameters)
     }
 
@@ -352,6 +359,13 @@ mod tests {
             ("rate mode may tilt", Facts { upright: -1.0, aim: Mode::Rate, ..good() }, Tipped, false),
             ("a tilt that nobody knows", Facts { upright: -1.0, level: Level::Rates, ..good() }, Tipped, false),
             ("nowhere to return to", Facts { cell_v: Some(3.4), level: Level::Velocity, ..good() }, BatteryLow, false),
+            ("enough is left", Facts { used_as: 3_599.0, ..good() }, BatteryLow, false),
+            (
+                "too much is used, whatever the voltage",
+                Facts { used_as: 3_601.0, cell_v: None, ..good() },
+                BatteryLow,
+                true,
+            ),
             ("nobody measures it", Facts { cell_v: None, ..good() }, BatteryLow, false),
             ("the ceiling", Facts { height_m: Some(121.0), ..good() }, Fence, true),
             ("home unknown", Facts { from_home_m: None, height_m: None, ..good() }, Fence, false),

@@ -17,6 +17,7 @@
 //!
 //! Invariant: without an armed autopilot, or one whose bench runs a rotor, the command is [`Command::Stop`].
 use crate::autopilot::{self, Autopilot, AutopilotState, BenchOrder, System};
+use crate::battery::Battery;
 use crate::compass::{self, Compass};
 use crate::estimate::Estimate;
 use crate::estimation::{Estimator, EstimatorConfig, EstimatorConfigError, EstimatorState, EstimatorTelemetry, Phase};
@@ -239,7 +240,7 @@ pub struct Helm {
     state: AutopilotState,
     pilot: Option<Stamped<PilotInput>>,
     offboard: Option<Stamped<Setpoint>>,
-    battery_v: Option<f32>,
+    battery: Battery,
     acted_us: Option<u64>,
     /// Time between the last two samples, s.
     dt_s: f32,
@@ -261,7 +262,7 @@ impl Helm {
             autopilot,
             pilot: None,
             offboard: None,
-            battery_v: None,
+            battery: Battery::default(),
             acted_us: None,
             dt_s: 0.0,
             decision: None,
@@ -308,12 +309,13 @@ impl Helm {
     pub fn decide(&mut self, now_us: u64, estimate: &Estimate, gyro_calibrated: bool, arrived: &Arrived) {
         self.pilot = arrived.pilot.or(self.pilot);
         self.offboard = arrived.offboard.or(self.offboard);
-        self.battery_v = arrived.measurements.battery_v.map(|battery| battery.value).or(self.battery_v);
+        self.battery.note(&arrived.measurements);
         if let Some(order) = &arrived.bench {
             self.autopilot.order(&mut self.state, order);
         }
         let system = System {
-            battery_v: self.battery_v,
+            battery_v: self.battery.voltage_v(now_us),
+            used_as: self.battery.used_as(),
             gyro_calibrated,
             self_test_passed: arrived.self_test_passed,
             parameters_valid: arrived.parameters_valid,
@@ -332,19 +334,21 @@ impl Helm {
 
     fn pass(&mut self, tape: &mut Tape) {
         pass_pilot(self.pilot, tape);
+        tape.float(self.battery.used_mut());
         self.state.pass(tape);
     }
 
     /// Takes what was kept.
     fn go_on(&mut self, tape: &mut Tape, estimate: &Estimate) {
         let pilot = pass_pilot(None, tape);
+        tape.float(self.battery.used_mut());
         self.pilot = Some(pilot);
         self.state.go_on(tape, estimate, pilot.value.mode);
     }
 
     /// As just switched on.
     fn forget(&mut self) {
-        (self.state, self.pilot) = (self.autopilot.state(), None);
+        (self.state, self.pilot, self.battery) = (self.autopilot.state(), None, Battery::default());
     }
 
     /// Tells the controller what is known of the rotors: see [`Controller::report`].
@@ -354,6 +358,11 @@ impl Helm {
 
     fn is_armed(&self) -> bool {
         self.decision.as_ref().is_some_and(|decision| decision.armed)
+    }
+
+    /// What is known of the battery.
+    pub fn battery(&self) -> &Battery {
+        &self.battery
     }
 
     /// The autopilot's last decision, once it has made one.

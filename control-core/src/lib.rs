@@ -30,6 +30,7 @@ mod allocation;
 pub mod arming;
 mod attitude;
 pub mod autopilot;
+pub mod battery;
 pub mod compass;
 mod config;
 mod controller;

@@ -86,4 +86,6 @@ pub struct Measurements {
     pub rotor_rad_s: Option<Stamped<[f32; 4]>>,
     /// Battery voltage, V.
     pub battery_v: Option<Stamped<f32>>,
+    /// Current out of the battery, A.
+    pub battery_a: Option<Stamped<f32>>,
 }

@@ -3,7 +3,8 @@
 //! A declaration is a name as MAVLink allows it, a unit, a range, a default and a line of text. The validation here, the parameter
 //! protocol's list, docs/parameters.md and `sim-host params` are all made from it.
 //!
-//! Angles are in degrees here, as on every ground station; [`Parameters::rad`] is where they become radians. A
+//! Angles are in degrees and charges in mAh here, as on every ground station; [`Parameters::rad`] and
+//! [`Parameters::battery_use_as`] are where they become SI. A
 //! [`Parameters`] holds values in their ranges, always: one that is not is refused.
 use crate::Gains;
 use core::f32::consts::PI;
@@ -158,6 +159,12 @@ impl Parameters {
             axis.k0 = axis.k0.map(|k| k * factor);
         }
         gains
+    }
+
+    /// Charge of the battery that may be used, A s; infinite if nobody minds.
+    pub fn battery_use_as(&self) -> f32 {
+        let most_mah = self[Parameter::BatUseMax];
+        if most_mah > 0.0 { 3.6 * most_mah } else { f32::INFINITY }
     }
 
     /// The value of one that is in degrees, or degrees a second, in radians.

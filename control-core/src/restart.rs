@@ -16,7 +16,7 @@
 //! again with the first thrust.
 //!
 //! Kept are: time, attitude, velocity, position, biases and how well each is known; mode, home, the pilot's last frame; what the laws have
-//! learnt; what is believed of the rotors. Not kept, for it is made anew within a second: the covariance, setpoints (the mode begins where
+//! learnt; what is believed of the rotors; the charge used. Not kept, for it is made anew within a second: the covariance, setpoints (the mode begins where
 //! the machine is), how long failsafes have waited. For half a second nothing is learnt of the rotors, whose true thrust nobody knows.
 //!
 //! Invariant: reading what writing has written gives the same values; words that were not written so give nothing.
@@ -27,11 +27,11 @@ use crate::frames::Vec3;
 use core::slice::IterMut;
 
 /// Words of a [`Memory`].
-pub const WORDS: usize = 90;
+pub const WORDS: usize = 91;
 /// What is kept.
 pub type Memory = [u32; WORDS];
 /// First word: what the others mean. To be changed with them.
-pub(crate) const VERSION: u32 = 0x666c_7901;
+pub(crate) const VERSION: u32 = 0x666c_7902;
 /// How long a flight that has gone on must last to go on once more, s.
 pub const SOUND_S: u64 = 10;
 /// Largest number that is believed.
@@ -60,7 +60,7 @@ impl<'a> Tape<'a> {
         self.sound && self.words.len() == 0
     }
 
-    // Not inlined: there are ninety.
+    // Not inlined: there are ninety-one.
     #[inline(never)]
     pub(crate) fn word(&mut self, value: &mut u32) {
         match self.words.next() {

@@ -11,7 +11,7 @@
 //! | station                | USART3                             |
 //! | buzzer                 | PC15                               |
 //! | microSD card, or a flash chip in its place | SPI3, PB3 to PB5, select PC14 |
-//! | battery, through 1 : 11 | ADC1 channel 10                   |
+//! | battery: voltage through 1 : 11, current at 25 A/V | ADC1 channels 10 and 11, PC0 and PC1 |
 //!
 //! # Source
 //! As `firmware/src/board/speedybee_f405_v4.rs`, where it is cited.
@@ -59,9 +59,8 @@ pub(crate) const STATION_BAUD: u32 = 115_200;
 pub(crate) const MOTORS: [(usize, usize, (usize, u32)); 4] =
     [(4, 0, (1, 6)), (4, 1, (1, 7)), (3, 2, (1, 0)), (3, 3, (1, 1))];
 pub(crate) const MOTOR_FUNCTION: u32 = 2;
-/// The converter's channel, and port and pin, of the battery's voltage.
-const VOLTAGE: (u32, (usize, u32)) = (10, (2, 0));
-const BATTERY_DIVIDER: f32 = 11.0;
+/// The converter's channels, and port and pin, of the battery's voltage and current, and what a volt there stands for, V and A.
+const BATTERY: [(u32, (usize, u32), f32); 2] = [(10, (2, 0), 11.0), (11, (2, 1), 25.0)];
 const REFERENCE_V: f32 = 3.3;
 
 /// What a bit takes at this many a second, core cycles.
@@ -79,7 +78,10 @@ pub(crate) struct Board {
     /// What is soldered on in the place of the slot, if it is.
     pub(crate) log_flash: Option<LogFlash>,
     pub(crate) escs: [Esc; 4],
-    pub(crate) battery_v: f32,
+    /// Voltage, V, and current, A.
+    pub(crate) battery: [f32; 2],
+    /// How many conversions of the battery's lines never end, from now on.
+    pub(crate) conversions_lost: u32,
     /// Whether the chip no longer sees the data-ready line.
     pub(crate) ready_line_broken: bool,
     /// Longest time from a sample to the first frame that was through after it, core cycles.
@@ -95,7 +97,8 @@ impl Board {
             card: SdCard::new(CYCLES_US),
             log_flash: None,
             escs: std::array::from_fn(Esc::new),
-            battery_v: 16.8,
+            battery: [16.8, 0.0],
+            conversions_lost: 0,
             ready_line_broken: false,
             latency_max: 0,
         }
@@ -190,9 +193,8 @@ impl Board {
 
     /// What the converter reads of a channel, 12 bits, and the pin it is on, if something is.
     pub(crate) fn convert(&self, channel: u32) -> Option<((usize, u32), u32)> {
-        let (_, pin) = Some(VOLTAGE).filter(|line| line.0 == channel)?;
-        let volts = self.battery_v / BATTERY_DIVIDER;
-        Some((pin, (volts / REFERENCE_V * 4_095.0).round().clamp(0.0, 4_095.0) as u32))
+        let (&(_, pin, per_volt), there) = BATTERY.iter().zip(self.battery).find(|(line, _)| line.0 == channel)?;
+        Some((pin, (there / per_volt / REFERENCE_V * 4_095.0).round().clamp(0.0, 4_095.0) as u32))
     }
 
     /// What each speed controller was told last: a DShot value, or microseconds of a pulse.

@@ -5,9 +5,9 @@
 //! | to the emulator | then                                                                        |
 //! |-----------------|-----------------------------------------------------------------------------|
 //! | `m`             | 6 × f32: specific force, m/s², and rate, rad/s, forward, right, down; holds |
-//! | `b`             | f32: battery, V; holds                                                      |
+//! | `b`             | 2 × f32: battery, V, and the current out of it, A; holds                    |
 //! | `c`             | 16 × u16: the radio receiver sends a frame with these channels now          |
-//! | `f`             | u8: 0 the core goes where there is no code, 1 the program hangs with interrupts masked, 2 the data-ready line breaks, 3 what runs below interrupts hangs, 4 a panic, 5 the supply drops for a moment, 6 and 7 the inertial unit's data line stays low or high, 8 the unit answers anything, 9 power is off for a moment, 10 the stack is used up, 11 a panic of `defmt`, 12 the satellite receiver refuses the next three messages that ask for more than a speed |
+//! | `f`             | u8: 0 the core goes where there is no code, 1 the program hangs with interrupts masked, 2 the data-ready line breaks, 3 what runs below interrupts hangs, 4 a panic, 5 the supply drops for a moment, 6 and 7 the inertial unit's data line stays low or high, 8 the unit answers anything, 9 power is off for a moment, 10 the stack is used up, 11 a panic of `defmt`, 12 the satellite receiver refuses the next three messages that ask for more than a speed, 13 each of the converter's next twenty conversions never ends |
 //! | `k`             | u32 words programmed and sectors erased after which power is cut, u8 whether the next one is done in part; power comes back at once |
 //! | `e`             | u32 address, u32 bytes, and those: fills flash as somebody may have left it |
 //! | `o`             | u32 bytes, and those: path, UTF-8, of the file that is the content of a card which is put in now; of none, it is pulled out |
@@ -108,8 +108,8 @@ pub fn serve(image: &Image, tasks: &[Task], mut input: impl Read, mut output: im
                 machine.move_body([fx, fy, fz], [rx, ry, rz]);
             }
             b'b' => {
-                let [volts] = floats(&mut input)?;
-                machine.set_battery(volts);
+                let [volts, amperes] = floats(&mut input)?;
+                machine.set_battery(volts, amperes);
             }
             b'c' => machine.send_channels(channels(&mut input)?),
             b'f' => {
@@ -224,6 +224,7 @@ fn befall(machine: &mut Machine, image: &Image, mishap: u8) -> io::Result<Result
         10 => machine.exhaust_stack(),
         11 => return Ok(image.symbol("_defmt_panic").and_then(|function| machine.panic(function))),
         12 => machine.refuse_setup(3),
+        13 => machine.lose_conversions(20),
         other => return Err(io::Error::new(ErrorKind::InvalidData, format!("there is no mishap {other}"))),
     }
     Ok(Ok(()))

@@ -11,7 +11,7 @@ use control_core::motor_test::MotorTestOrder;
 use control_core::pilot::{PilotInput, Sticks};
 
 /// Words of a record.
-pub const WORDS: usize = 59;
+pub const WORDS: usize = 61;
 /// Bits of the first word: which of the optional parts are there, and facts.
 pub(crate) const HAS_IMU: u32 = 1;
 const HAS_BATTERY: u32 = 1 << 1;
@@ -28,6 +28,7 @@ const FIXED: u32 = 1 << 11;
 const HAS_VISION: u32 = 1 << 12;
 const BENCH: u32 = 1 << 13;
 const HAS_ROTORS: u32 = 1 << 14;
+const HAS_CURRENT: u32 = 1 << 15;
 /// Eight bits from here on, the pilot's mode by its place in [`Mode::ALL`].
 const MODE_SHIFT: u32 = 16;
 /// Two bits from here on, what is asked of the bench: 0 nothing, 1 to turn motors, 2 to check the wiring, 3 to stop.
@@ -57,7 +58,8 @@ impl Record {
     pub fn to_words(&self) -> [u32; WORDS] {
         let Arrived { measurements, pilot, offboard: _, bench, late, self_test_passed, parameters_valid } =
             self.arrived;
-        let Measurements { imu, battery_v, baro_altitude_m, magnetic_ut, gnss, vision, rotor_rad_s, .. } = measurements;
+        let Measurements { imu, battery_v, battery_a, baro_altitude_m, magnetic_ut, gnss, vision, rotor_rad_s, .. } =
+            measurements;
         let mut words = [0; WORDS];
         let bit = |on: bool, bit: u32| if on { bit } else { 0 };
         words[0] = bit(imu.is_some(), HAS_IMU) | bit(late, LATE) | bit(self_test_passed, TESTED);
@@ -119,6 +121,10 @@ impl Record {
             put(&mut words[54..58], &value);
             words[58] = self.age_us(time_us);
         }
+        if let Some(Stamped { time_us, value }) = battery_a {
+            words[0] |= HAS_CURRENT;
+            [words[59], words[60]] = [value.to_bits(), self.age_us(time_us)];
+        }
         words
     }
 
@@ -142,6 +148,7 @@ impl Record {
         let measurements = Measurements {
             imu: has(HAS_IMU).then_some(Stamped { time_us, value: imu }),
             battery_v: has(HAS_BATTERY).then(|| Stamped { time_us: before(11), value: float(10) }),
+            battery_a: has(HAS_CURRENT).then(|| Stamped { time_us: before(60), value: float(59) }),
             baro_altitude_m: has(HAS_BARO).then(|| Stamped { time_us: before(22), value: float(21) }),
             magnetic_ut: has(HAS_FIELD).then(|| Stamped { time_us: before(26), value: three(words, 23) }),
             gnss: has(HAS_GNSS).then(|| Stamped {
@@ -241,6 +248,7 @@ mod tests {
                 measurements: Measurements {
                     imu: Some(Stamped { time_us, value: imu }),
                     battery_v: Some(Stamped { time_us: time_us + 40, value: 16.1 }),
+                    battery_a: Some(Stamped { time_us: time_us - 60, value: 4.5 }),
                     baro_altitude_m: Some(Stamped { time_us: time_us - 14_000, value: 1.25 }),
                     magnetic_ut: Some(Stamped { time_us: time_us - 5_000, value: Vec3::new(20.0, -1.0, 43.0) }),
                     gnss: Some(Stamped { time_us: time_us - 129_000, value: gnss }),

@@ -28,8 +28,7 @@ use heapless::spsc::{Consumer, Producer, Queue};
 
 use crate::black_box;
 use crate::board::{
-    self, BATTERY_DIVIDER, BUFFERS, Board, Buffers, Gauge, LOG_ON_CARD, LOG_ON_FLASH, Radio, STATUS_ON, Status,
-    Watchdog,
+    self, BATTERY_SCALE, BUFFERS, Board, Buffers, Gauge, LOG_ON_CARD, LOG_ON_FLASH, Radio, STATUS_ON, Status, Watchdog,
 };
 use crate::fault;
 use crate::gnss::{GNSS, locate};
@@ -42,7 +41,7 @@ use crate::sensors::{BARO_ALTITUDE_M, BAROMETER_FOUND, MAGNETIC_UT, sense};
 use crate::station::{self, SNAPSHOT};
 use crate::usb;
 use crate::vision::{VISION, see};
-use firmware::battery::volts;
+use firmware::battery::Scale;
 use firmware::buzzer::{Buzzer, Facts, LOOKS_HZ};
 use firmware::crsf::Receiver;
 use firmware::erpm::Heard;
@@ -72,6 +71,7 @@ struct Listeners {
 pub(crate) type Newest<T> = Signal<CriticalSectionRawMutex, Stamped<T>>;
 static PILOT: Newest<PilotInput> = Signal::new();
 static BATTERY_V: Newest<f32> = Signal::new();
+static BATTERY_A: Newest<f32> = Signal::new();
 /// What is to be heard of the machine.
 static FACTS: Mutex<CriticalSectionRawMutex, Cell<Facts>> = Mutex::new(Cell::new(Facts::NONE));
 
@@ -152,7 +152,8 @@ pub(crate) fn start(spawner: Spawner) {
     spawner.spawn(line::speak(say).expect("speak is started once"));
     spawner.spawn(usb::serve(usb).expect("serve is started once"));
     spawner.spawn(station::converse(store, loaded.parameters).expect("converse is started once"));
-    spawner.spawn(measure_battery(battery).expect("measure_battery is started once"));
+    spawner
+        .spawn(measure_battery(battery, BATTERY_SCALE.set_by(&parameters)).expect("measure_battery is started once"));
     spawner.spawn(sound(buzzer).expect("sound is started once"));
     spawner.spawn(log(consumer, status).expect("log is started once"));
 }
@@ -182,6 +183,7 @@ async fn control(
             measurements: Measurements {
                 imu: sample.map(|value| Stamped { time_us, value }),
                 battery_v: BATTERY_V.try_take(),
+                battery_a: BATTERY_A.try_take(),
                 baro_altitude_m: BARO_ALTITUDE_M.try_take(),
                 magnetic_ut: MAGNETIC_UT.try_take(),
                 gnss: GNSS.try_take(),
@@ -275,12 +277,18 @@ async fn listen(mut radio: Radio) -> ! {
 
 /// Measures the battery.
 #[embassy_executor::task]
-async fn measure_battery(mut battery: Gauge) -> ! {
+async fn measure_battery(mut battery: Gauge, scale: Scale) -> ! {
     let mut ticker = Ticker::every(Duration::from_hz(BATTERY_HZ));
     loop {
         ticker.next().await;
-        if let Some([voltage]) = battery.read().await {
-            BATTERY_V.signal(Stamped { time_us: now_us(), value: volts(voltage, BATTERY_DIVIDER) });
+        // Where there is no reading the next one is waited for.
+        let Some([voltage, current]) = battery.read().await else { continue };
+        let time_us = now_us();
+        if let Some(value) = scale.volts(voltage) {
+            BATTERY_V.signal(Stamped { time_us, value });
+        }
+        if let Some(value) = scale.amperes(current) {
+            BATTERY_A.signal(Stamped { time_us, value });
         }
     }
 }

@@ -47,22 +47,13 @@ pub struct Telemetry {
     busy_us: u64,
     longest_us: u64,
     late: u32,
-    battery_v: f32,
 }
 
 impl Telemetry {
     /// Before the first of `rate_hz` steps a second.
     pub fn new(rate_hz: f32) -> Self {
         let steps_per_snapshot = ((rate_hz / TELEMETRY_HZ) as u32).max(1);
-        Self {
-            steps_per_snapshot,
-            left: steps_per_snapshot,
-            since_us: 0,
-            busy_us: 0,
-            longest_us: 0,
-            late: 0,
-            battery_v: f32::NAN,
-        }
+        Self { steps_per_snapshot, left: steps_per_snapshot, since_us: 0, busy_us: 0, longest_us: 0, late: 0 }
     }
 
     /// Takes in the step that `flight` has made last; returns a snapshot if one is due.
@@ -70,9 +61,6 @@ impl Telemetry {
         self.busy_us = self.busy_us.saturating_add(pass.took_us);
         self.longest_us = self.longest_us.max(pass.took_us);
         self.late = self.late.saturating_add(pass.late.into());
-        if let Some(battery) = step.arrived.measurements.battery_v {
-            self.battery_v = battery.value;
-        }
         self.left = self.left.saturating_sub(1);
         if self.left > 0 {
             return None;
@@ -101,7 +89,9 @@ impl Telemetry {
             failing: decision.map_or(0, |decision| decision.failing.bits()),
             wiring: wiring(helm.state().wiring()),
             bench: helm.state().bench().is_some(),
-            battery_v: self.battery_v,
+            battery_v: helm.battery().voltage_v(step.time_us).unwrap_or(f32::NAN),
+            battery_a: helm.battery().current_a(step.time_us).unwrap_or(f32::NAN),
+            used_as: helm.battery().used_as(),
             steps: step.step,
             late: self.late,
             load: self.busy_us as f32 / elapsed_us as f32,
@@ -182,7 +172,8 @@ mod tests {
                 let arrived = Arrived {
                     measurements: Measurements {
                         imu: Some(Stamped { time_us, value: imu }),
-                        battery_v: (step == 5).then_some(Stamped { time_us, value: 16.2 }),
+                        battery_v: (step % 200 == 5).then_some(Stamped { time_us, value: 16.2 }),
+                        battery_a: (step % 200 == 5).then_some(Stamped { time_us, value: 3.0 }),
                         ..Measurements::default()
                     },
                     bench: bench.filter(|_| step == 1),
@@ -206,7 +197,9 @@ mod tests {
             assert_eq!((status.steps, status.late, status.step_us_max), (200 * n, 1, 300));
             // 198 steps of 200 µs and two of 300 in 100 ms.
             assert!((status.load - 0.402).abs() < 1e-3, "{}", status.load);
-            assert_eq!((status.battery_v, status.armed, rotors.speeds), (16.2, false, [0.0; 4]));
+            assert_eq!((status.battery_v, status.battery_a, status.armed), (16.2, 3.0, false));
+            assert!((status.used_as - 0.3 * (n - 1) as f32).abs() < 1e-3, "{}", status.used_as);
+            assert_eq!(rotors.speeds, [0.0; 4]);
             assert_eq!((rotors.believed, status.wiring), ([1.0; 4], Wiring::Unknown));
         }
         let Motion { attitude_rad: [roll, pitch, _], health, .. } = snapshots[49].motion;

@@ -184,6 +184,8 @@ mod tests {
             wiring: Wiring::AnswersAs { told: 3, answers: 4 },
             bench: true,
             battery_v: 16.8,
+            battery_a: 21.5,
+            used_as: 1_800.0,
             steps: u32::MAX,
             late: u32::MAX,
             load: 0.5,

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::{LogPart, LogRefusal, LogSize, LogWish, Motion, Rotors, Status};
 
 /// Version of the records: raised when what was said means something else than before.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 
 /// What a frame to the machine holds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -25,8 +25,12 @@ pub struct Status {
     pub wiring: Wiring,
     /// Whether a test on the bench runs.
     pub bench: bool,
-    /// Voltage of the battery, V; NaN if nobody measures it.
+    /// Voltage of the battery, V; NaN if nobody has measured it lately.
     pub battery_v: f32,
+    /// Current out of it, A; NaN if nobody has measured it lately.
+    pub battery_a: f32,
+    /// Charge taken from it since the board was switched on, A s.
+    pub used_as: f32,
     /// Steps of the control loop since boot.
     pub steps: u32,
     /// Of these, how many ended when the next one was already due.

@@ -337,6 +337,7 @@ mod tests {
                             .filter(|_| step % 20 == 3)
                             .map(|Stamped { time_us, .. }| Stamped { time_us, value: vision }),
                         battery_v: (step % 200 == 9).then_some(Stamped { time_us: time_us - 90, value: 16.1 }),
+                        battery_a: (step % 200 == 9).then_some(Stamped { time_us: time_us - 90, value: 4.2 }),
                         ..Measurements::default()
                     },
                     pilot: (step % 40 == 1).then_some(Stamped { time_us: time_us + 21, value: pilot }),
@@ -446,7 +447,7 @@ mod tests {
     #[test]
     fn a_flight_that_went_on_from_what_cannot_be_is_refused() {
         let parameters = Parameters::default();
-        let resumed = Resumed { at_us: 7, memory: [3; 90] };
+        let resumed = Resumed { at_us: 7, memory: [3; control_core::restart::WORDS] };
         let error = read(&written(&parameters, Some(&resumed), &[], |_| false)).expect_err("refused").to_string();
         assert!(error.starts_with("memory: what no flight goes on from: must be what one does"), "{error}");
         let mut said = Said::default();

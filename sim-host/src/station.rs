@@ -305,8 +305,7 @@ mod tests {
                 let Ok(1) = near.read(&mut byte) else { continue };
                 for record in decoder.push(byte[0]).into_iter().flat_map(&board) {
                     let mut place = [0; FRAME_BYTES_MAX];
-                    let frame = encode(&record, &mut place).expect("it fits");
-                    if near.write_all(frame).is_err() {
+                    if near.write_all(encode(&record, &mut place).expect("it fits")).is_err() {
                         return;
                     }
                 }
@@ -337,8 +336,7 @@ mod tests {
         assert!(!station.set("ONE", 2.0).unwrap(), "no restart");
         let refused = |result: Result<bool, StationError>| result.unwrap_err().to_string();
         assert_eq!(refused(station.set("ONE", 10.0)), "ONE: the board refuses this value: it is not in its range");
-        let long = "A_NAME_OF_MORE_THAN_16";
-        for name in ["TWO", long] {
+        for name in ["TWO", "A_NAME_OF_MORE_THAN_16"] {
             let error = station.get(name).unwrap_err().to_string();
             assert_eq!(error, format!("{name}: the board has no parameter of this name"));
         }
@@ -391,6 +389,8 @@ mod tests {
         wiring: Wiring::Unknown,
         bench: false,
         battery_v: 16.0,
+        battery_a: 2.5,
+        used_as: 3_600.0,
         steps: 0,
         late: 0,
         load: 0.3,

@@ -16,6 +16,8 @@ use crate::signals::{Input, Setpoint};
 pub struct System {
     /// Voltage of the battery, if somebody measures it, V.
     pub battery_v: Option<f32>,
+    /// Charge taken from it since the machine was switched on, as far as somebody measures it, A s.
+    pub used_as: f32,
     /// Whether the gyro's bias is known.
     pub gyro_calibrated: bool,
     /// Whether every self-test has passed.
@@ -28,8 +30,14 @@ pub struct System {
 
 impl System {
     /// All is well, and nobody measures the battery.
-    pub const GOOD: Self =
-        Self { battery_v: None, gyro_calibrated: true, self_test_passed: true, parameters_valid: true, late: false };
+    pub const GOOD: Self = Self {
+        battery_v: None,
+        used_as: 0.0,
+        gyro_calibrated: true,
+        self_test_passed: true,
+        parameters_valid: true,
+        late: false,
+    };
 }
 
 /// What one step is given.

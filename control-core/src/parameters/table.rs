@@ -45,6 +45,10 @@ parameters! {
     BatCells "BAT_CELLS" [""] 0.0..=14.0, 0.0, "Cells of the battery in series; 0 if nobody measures its voltage.";
     BatLowV "BAT_LOW_V" ["V"] 2.5..=4.2, 3.5, "Voltage of a cell that is low.";
     BatCriticalV "BAT_CRIT_V" ["V"] 2.5..=4.2, 3.3, "Voltage of a cell that is critical.";
+    BatUseMax "BAT_USE_MAX" ["mAh"] 0.0..=50000.0, 0.0, "Charge used since power-up at which the battery is low; 0 for any.";
+    BatDivider "BAT_V_DIV" [""] 0.0..=40.0, 0.0, "Battery voltage over the converter's; 0: as the board has it.";
+    BatAmperes "BAT_A_PER_V" ["A/V"] 0.0..=500.0, 0.0, "Battery current over the converter's voltage; 0: as the board has it.";
+    BatOffset "BAT_A_OFF" ["A"] -20.0..=20.0, 0.0, "What the current sensor reads too much, at any current.";
     ArmTilt "ARM_TILT_MAX" ["deg"] 1.0..=45.0, 15.0, "Tilt up to which it arms.";
     ArmMotors "ARM_MOTORS" [""] 0.0..=1.0, 0.0, "1: it arms only after the wiring check has passed.";
     MotorIdle "MOT_IDLE" [""] 0.0..=0.2, 0.05, "Command of a motor that idles on the ground, share of full.";

@@ -124,6 +124,10 @@ impl Chip {
                     self.fail(what);
                 }
             }
+            Unit::Adc if self.board.conversions_lost > 0 => {
+                self.board.conversions_lost -= 1;
+                self.adc.lose();
+            }
             Unit::Adc => {
                 let channel = self.adc.due();
                 let read = self.board.convert(channel);

@@ -34,6 +34,11 @@ impl Machine {
         self.state.borrow_mut().chip.board.imu.answers = answers;
     }
 
+    /// Each of the converter's next conversions never ends.
+    pub fn lose_conversions(&mut self, count: u32) {
+        self.state.borrow_mut().chip.board.conversions_lost = count;
+    }
+
     /// The inertial unit's line to the chip stays at one level.
     pub fn short_inertial_unit(&mut self, high: bool) {
         self.spoil(Answers::Always(if high { u8::MAX } else { 0 }));

@@ -55,9 +55,9 @@ impl Machine {
         }
     }
 
-    /// Sets the battery's voltage, V.
-    pub fn set_battery(&mut self, volts: f32) {
-        self.state.borrow_mut().chip.board.battery_v = volts;
+    /// Sets the battery's voltage, V, and the current out of it, A.
+    pub fn set_battery(&mut self, volts: f32, amperes: f32) {
+        self.state.borrow_mut().chip.board.battery = [volts, amperes];
     }
 
     /// Lets the radio receiver send a frame with these channels, 172 to 1811.

@@ -117,9 +117,14 @@ impl Adc {
         self.converting.map_or(NEVER, |(_, done)| done)
     }
 
-    /// The channel whose conversion is done; [`Self::converted`] must follow.
+    /// The channel whose conversion is done; [`Self::converted`] or [`Self::lose`] must follow.
     pub(crate) fn due(&self) -> u32 {
         self.converting.map_or(0, |(place, _)| self.channel(place))
+    }
+
+    /// What was due never comes.
+    pub(crate) fn lose(&mut self) {
+        self.converting = None;
     }
 
     /// The value, 12 bits, of the channel that was due.

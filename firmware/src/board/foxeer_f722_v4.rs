@@ -14,6 +14,7 @@
 //! | USB              | PA11, PA12               | OTG_FS                                              |
 //! | flash, a W25Q128 | PB12 … PB15              | SPI2; DMA1 streams 4 and 3                          |
 //! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11; DMA2 stream 4      |
+//! | battery current  | PC2                      | ADC1 channel 12, 25 A/V; the same stream            |
 //! | status LED       | PC15, low is on          | GPIO                                                |
 //! | buzzer           | PA4, high sounds      | GPIO                                                |
 //! | parameters       | none                     | the last two sectors of flash                       |
@@ -26,8 +27,8 @@
 //!
 //! # Source
 //! Betaflight's `configs/FOXEERF722V4/config.h`, repository `betaflight/config`: MOTOR1_PIN to MOTOR4_PIN, GYRO_1_*,
-//! UART1_*, UART4_RX_PIN, SPI2_*, FLASH_SPI_INSTANCE, FLASH_CS_PIN, USE_FLASH_W25Q128FV, I2C1_*, BARO_I2C_INSTANCE and MAG_I2C_INSTANCE, UART2_*, UART3_RX_PIN, ADC_VBAT_PIN, LED0_PIN, BEEPER_PIN, BEEPER_INVERTED,
-//! GYRO_1_ALIGN. It names no ports for receivers and vision: which are taken is ours. Crystal and divider are Betaflight's
+//! UART1_*, UART4_RX_PIN, SPI2_*, FLASH_SPI_INSTANCE, FLASH_CS_PIN, USE_FLASH_W25Q128FV, I2C1_*, BARO_I2C_INSTANCE and MAG_I2C_INSTANCE, UART2_*, UART3_RX_PIN, ADC_VBAT_PIN, ADC_CURR_PIN, LED0_PIN, BEEPER_PIN, BEEPER_INVERTED,
+//! GYRO_1_ALIGN. It names no ports for receivers and vision: which are taken is ours. Crystal, divider and the scale of the current, 400 mV per 10 A, are Betaflight's
 //! defaults, which the file leaves. Boards sold with an MPU-6000 in the place of the ICM-42688-P are
 //! driven too, those with a BMP280 not.
 use core::ops::Range;
@@ -41,7 +42,7 @@ use embassy_stm32::peripherals::USB_OTG_FS;
 use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH1, DMA1_CH2, DMA1_CH3, DMA1_CH4, DMA1_CH5, DMA1_CH6, DMA1_CH7};
 use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH1, DMA2_CH3, DMA2_CH4, DMA2_CH5};
 use embassy_stm32::peripherals::{DMA2_CH2, DMA2_CH7, USART1};
-use embassy_stm32::peripherals::{I2C1, IWDG, PB8, PB9, PC0, TIM1, TIM8, UART4, USART2, USART3};
+use embassy_stm32::peripherals::{I2C1, IWDG, PB8, PB9, PC0, PC2, TIM1, TIM8, UART4, USART2, USART3};
 use embassy_stm32::spi::Spi;
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::Channel::{Ch1, Ch2, Ch3, Ch4};
@@ -51,6 +52,7 @@ use embassy_stm32::usart::{self, Uart, UartRx};
 use embassy_stm32::usb;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, interrupt, pac, rcc};
+use firmware::battery::Scale;
 use firmware::dshot::{self, Dialogue};
 use firmware::icm42688::Mount;
 use firmware::{crsf, mpu6000, pose, ubx};
@@ -70,14 +72,16 @@ pub(crate) const NAME: &str = "Foxeer F722 V4";
 /// Whether the flight log may be on a card, and in a flash chip.
 pub(crate) const LOG_ON_CARD: bool = false;
 pub(crate) const LOG_ON_FLASH: bool = true;
-/// Battery voltage over pin voltage.
-pub(crate) const BATTERY_DIVIDER: f32 = 11.0;
+/// What the battery's lines stand for, unless parameters say otherwise.
+pub(crate) const BATTERY_SCALE: Scale = Scale { divider: 11.0, amperes_per_v: 25.0, offset_a: 0.0 };
 /// Time in which a line of the battery is sampled.
 pub(super) const LINE_SAMPLE: SampleTime = SampleTime::CYCLES480;
 /// The converter's counts at its reference.
 pub(super) const FULL_SCALE: f32 = 4_095.0;
 /// The pin of the battery's voltage.
 pub(super) type VoltagePin = PC0;
+/// The pin of the current out of it.
+pub(super) type CurrentPin = PC2;
 /// What moves the counts.
 pub(super) type GaugeStream = DMA2_CH4;
 /// Forward is against the part's y, right against its x, down against its z: it is turned by 270° clockwise, seen from above.
@@ -213,7 +217,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
             Spi::new(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH4, p.DMA1_CH3, Irqs, log_bus::config()),
             Output::new(p.PB12, Level::High, Speed::Low),
         )),
-        battery: Gauge { converter: p.ADC1, voltage: p.PC0, stream: p.DMA2_CH4 },
+        battery: Gauge { converter: p.ADC1, voltage: p.PC0, current: p.PC2, stream: p.DMA2_CH4 },
         status: Output::new(p.PC15, Level::High, Speed::Low),
         buzzer: Output::new(p.PA4, Level::Low, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG, WATCHDOG_US),

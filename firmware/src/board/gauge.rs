@@ -18,12 +18,12 @@ use embassy_stm32::peripherals::ADC1;
 use embassy_time::Timer;
 use embassy_time::{Duration, with_timeout};
 
-use super::chosen::{FULL_SCALE, GaugeStream, Irqs, LINE_SAMPLE, VoltagePin};
+use super::chosen::{CurrentPin, FULL_SCALE, GaugeStream, Irqs, LINE_SAMPLE, VoltagePin};
 
 /// Lines of the battery.
-const LINES: usize = 1;
+const LINES: usize = 2;
 /// Scans whose mean is a reading.
-const SCANS: usize = 16;
+const SCANS: usize = 8;
 /// Conversions of a reading.
 const COUNTS: usize = LINES * SCANS;
 /// How long a reading may take: many times what it does, some 0.4 ms.
@@ -39,6 +39,7 @@ pub(crate) struct Gauge {
     #[cfg(feature = "orbit-h743")]
     pub(super) converter: Adc<'static, ADC1>,
     pub(super) voltage: Peri<'static, VoltagePin>,
+    pub(super) current: Peri<'static, CurrentPin>,
     pub(super) stream: Peri<'static, GaugeStream>,
 }
 
@@ -55,10 +56,11 @@ impl Gauge {
     /// Opens the converter, fills `counts` and closes it, also if nobody waits any more.
     #[cfg(not(feature = "orbit-h743"))]
     async fn scan(&mut self, counts: &mut [u16; COUNTS]) -> Option<()> {
-        let Self { converter, voltage, stream } = self;
+        let Self { converter, voltage, current, stream } = self;
         // The driver of these chips knows endless scans only. What is asked for is the first half of a ring.
         let mut ring = [0; 2 * COUNTS];
-        let lines = [(voltage.reborrow().degrade_adc(), LINE_SAMPLE)];
+        let lines =
+            [voltage.reborrow().degrade_adc(), current.reborrow().degrade_adc()].map(|line| (line, LINE_SAMPLE));
         let converter = Adc::new(converter.reborrow());
         let (stream, lines) = (stream.reborrow(), lines.into_iter());
         let mut scans = converter.into_ring_buffered(stream, &mut ring, Irqs, lines, CONTINUOUS, Exten::DISABLED);
@@ -69,8 +71,8 @@ impl Gauge {
     /// Fills `counts`.
     #[cfg(feature = "orbit-h743")]
     async fn scan(&mut self, counts: &mut [u16; COUNTS]) -> Option<()> {
-        let Self { converter, voltage, stream } = self;
-        let mut lines = [voltage.reborrow().degrade_adc()];
+        let Self { converter, voltage, current, stream } = self;
+        let mut lines = [voltage.reborrow().degrade_adc(), current.reborrow().degrade_adc()];
         let lines = lines.each_mut().map(|line| (line, LINE_SAMPLE));
         converter.read(stream.reborrow(), Irqs, lines.into_iter(), counts).await;
         Some(())

@@ -45,7 +45,7 @@ pub(crate) use ear::heard;
 pub(crate) use gauge::Gauge;
 
 pub(crate) use chosen::{
-    BATTERY_DIVIDER, IMU_MOUNT, LOG_ON_CARD, LOG_ON_FLASH, MotorEar, MotorPins, NAME, STATUS_ON, SensorBus, SensorPins,
+    BATTERY_SCALE, IMU_MOUNT, LOG_ON_CARD, LOG_ON_FLASH, MotorEar, MotorPins, NAME, STATUS_ON, SensorBus, SensorPins,
     init, start_control_executor,
 };
 

@@ -12,7 +12,8 @@
 //! | vision           | PE7                      | UART7; DMA1 stream 2                                |
 //! | station          | PD5, PD6                 | USART2; DMA2 streams 7 and 5                        |
 //! | USB              | PA11, PA12               | OTG_FS                                              |
-//! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 10.1; DMA2 stream 2      |
+//! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 10.1; DMA2 stream 2    |
+//! | battery current  | PC1                      | ADC1 channel 11, 80 A/V; the same stream            |
 //! | status LED       | PE3, low is on           | GPIO                                                |
 //! | buzzer           | PB7, high sounds         | GPIO                                                |
 //! | parameters       | none                     | the last two sectors of flash                       |
@@ -29,7 +30,7 @@
 //!
 //! # Source
 //! ArduPilot's `libraries/AP_HAL_ChibiOS/hwdef/ORBITH743/hwdef.dat`, commit 1eee4fb: motors 1 to 4 (there on TIM5, which counts time here), SPI1 and
-//! IMU1_CS, I2C1, UART5 as its receiver's, USART6 as its GNSS's, USART2, UART7, BATT_VOLTAGE_SENS, HAL_BATT_VOLT_SCALE, LED0, BUZZER, OSCILLATOR_HZ and the
+//! IMU1_CS, I2C1, UART5 as its receiver's, USART6 as its GNSS's, USART2, UART7, BATT_VOLTAGE_SENS, BATT_CURRENT_SENS, HAL_BATT_VOLT_SCALE, HAL_BATT_CURR_SCALE, LED0, BUZZER, OSCILLATOR_HZ and the
 //! rotation of its first IMU, ROLL_180_YAW_270. The data-ready line is of the maker's own file for Betaflight, `configs/ORBITH743/config.h` in the repository
 //! `orbittechnologyx/config` at 19bcab5; the first revision is the same file at 8f3614a.
 use core::ops::Range;
@@ -42,7 +43,7 @@ use embassy_stm32::i2c::{self, I2c};
 use embassy_stm32::peripherals::USB_OTG_FS;
 use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH1, DMA1_CH2, DMA1_CH3, DMA1_CH4, DMA1_CH5, DMA1_CH6};
 use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH1, DMA2_CH2, DMA2_CH3, DMA2_CH5, DMA2_CH7};
-use embassy_stm32::peripherals::{I2C1, IWDG1, PB8, PB9, PC0, TIM1, TIM2, UART5, UART7, USART2, USART6};
+use embassy_stm32::peripherals::{I2C1, IWDG1, PB8, PB9, PC0, PC1, TIM1, TIM2, UART5, UART7, USART2, USART6};
 use embassy_stm32::spi::Spi;
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::Channel::{Ch1, Ch2, Ch3, Ch4};
@@ -52,6 +53,7 @@ use embassy_stm32::usart::{self, Uart, UartRx};
 use embassy_stm32::usb;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, interrupt, pac, rcc};
+use firmware::battery::Scale;
 use firmware::dshot::{self, Dialogue};
 use firmware::icm42688::Mount;
 use firmware::{crsf, mpu6000, pose, ubx};
@@ -70,14 +72,16 @@ pub(crate) const NAME: &str = "Orbit H743";
 /// Whether the flight log may be on a card, and in a flash chip.
 pub(crate) const LOG_ON_CARD: bool = false;
 pub(crate) const LOG_ON_FLASH: bool = false;
-/// Battery voltage over pin voltage.
-pub(crate) const BATTERY_DIVIDER: f32 = 10.1;
+/// What the battery's lines stand for, unless parameters say otherwise.
+pub(crate) const BATTERY_SCALE: Scale = Scale { divider: 10.1, amperes_per_v: 80.0, offset_a: 0.0 };
 /// Time in which a line of the battery is sampled.
 pub(super) const LINE_SAMPLE: SampleTime = SampleTime::CYCLES810_5;
 /// The converter's counts at its reference.
 pub(super) const FULL_SCALE: f32 = 65_535.0;
 /// The pin of the battery's voltage.
 pub(super) type VoltagePin = PC0;
+/// The pin of the current out of it.
+pub(super) type CurrentPin = PC1;
 /// What moves the counts.
 pub(super) type GaugeStream = DMA2_CH2;
 /// Forward is against the part's y, right against its x, down against its z: it is turned by 90° counterclockwise, seen from above.
@@ -195,7 +199,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
         usb: usb::Driver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, &mut buffers.usb, usb_config()),
         store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank2_region),
         log_bus: None,
-        battery: Gauge { converter: Adc::new(p.ADC1), voltage: p.PC0, stream: p.DMA2_CH2 },
+        battery: Gauge { converter: Adc::new(p.ADC1), voltage: p.PC0, current: p.PC1, stream: p.DMA2_CH2 },
         status: Output::new(p.PE3, Level::High, Speed::Low),
         buzzer: Output::new(p.PB7, Level::Low, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG1, WATCHDOG_US),

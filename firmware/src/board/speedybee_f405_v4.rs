@@ -16,6 +16,7 @@
 //! | USB              | PA11, PA12               | OTG_FS                                              |
 //! | microSD card, or a flash chip in its place | PC14, PB3 … PB5 | SPI3; DMA1 streams 7 and 0, in turn with I2C1       |
 //! | battery voltage  | PC0                      | ADC1 channel 10, through 1 : 11; DMA2 stream 4      |
+//! | battery current  | PC1                      | ADC1 channel 11, 25 A/V; the same stream            |
 //! | status LED       | PC13, low is on          | GPIO                                                |
 //! | buzzer           | PC15, high sounds     | GPIO                                                |
 //! | parameters       | none                     | the last two sectors of flash                       |
@@ -27,7 +28,8 @@
 //! # Source
 //! Betaflight's `configs/SPEEDYBEEF405V4/config.h`, repository `betaflight/config`: MOTOR1_PIN to MOTOR4_PIN,
 //! GYRO_1_*, UART3_*, UART2_RX_PIN and SERIALRX_UART, I2C1_*, BARO_I2C_INSTANCE and MAG_I2C_INSTANCE, UART6_*, UART1_RX_PIN,
-//! SPI3_*, SDCARD_SPI_CS_PIN, ADC_VBAT_PIN, LED0_PIN, BEEPER_PIN, BEEPER_INVERTED, SYSTEM_HSE_MHZ, GYRO_1_ALIGN. The divider is Betaflight's default scale, 110, which the file leaves;
+//! SPI3_*, SDCARD_SPI_CS_PIN, ADC_VBAT_PIN, ADC_CURR_PIN, LED0_PIN, BEEPER_PIN, BEEPER_INVERTED, SYSTEM_HSE_MHZ, GYRO_1_ALIGN,
+//! DEFAULT_CURRENT_METER_SCALE, in mV per 10 A. The divider is Betaflight's default scale, 110, which the file leaves;
 //! which of the free ports is for what is ours.
 use core::ops::Range;
 
@@ -40,7 +42,7 @@ use embassy_stm32::peripherals::USB_OTG_FS;
 use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH2, DMA1_CH5, DMA1_CH6, DMA1_CH7};
 use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH3, USART3};
 use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH1, DMA2_CH2, DMA2_CH3, DMA2_CH4, DMA2_CH5, DMA2_CH6};
-use embassy_stm32::peripherals::{I2C1, IWDG, PB8, PB9, PC0, TIM1, TIM3, TIM4, USART1, USART2, USART6};
+use embassy_stm32::peripherals::{I2C1, IWDG, PB8, PB9, PC0, PC1, TIM1, TIM3, TIM4, USART1, USART2, USART6};
 use embassy_stm32::spi::Spi;
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::Channel::{Ch1, Ch2, Ch3, Ch4};
@@ -50,6 +52,7 @@ use embassy_stm32::usart::{self, Uart, UartRx};
 use embassy_stm32::usb;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, Peri, Peripherals, bind_interrupts, dma, interrupt, pac, rcc};
+use firmware::battery::Scale;
 use firmware::dshot::{self, Dialogue};
 use firmware::icm42688::Mount;
 use firmware::{crsf, mpu6000, pose, ubx};
@@ -69,14 +72,16 @@ pub(crate) const NAME: &str = "SpeedyBee F405 V4";
 /// Whether the flight log may be on a card, and in a flash chip, which a builder may put there.
 pub(crate) const LOG_ON_CARD: bool = true;
 pub(crate) const LOG_ON_FLASH: bool = true;
-/// Battery voltage over pin voltage.
-pub(crate) const BATTERY_DIVIDER: f32 = 11.0;
+/// What the battery's lines stand for, unless parameters say otherwise.
+pub(crate) const BATTERY_SCALE: Scale = Scale { divider: 11.0, amperes_per_v: 25.0, offset_a: 0.0 };
 /// Time in which a line of the battery is sampled.
 pub(super) const LINE_SAMPLE: SampleTime = SampleTime::CYCLES480;
 /// The converter's counts at its reference.
 pub(super) const FULL_SCALE: f32 = 4_095.0;
 /// The pin of the battery's voltage.
 pub(super) type VoltagePin = PC0;
+/// The pin of the current out of it.
+pub(super) type CurrentPin = PC1;
 /// What moves the counts.
 pub(super) type GaugeStream = DMA2_CH4;
 /// Forward is the part's y, right its x, down against its z: it is turned by 90° clockwise, seen from above.
@@ -213,7 +218,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
             let bus = Spi::new(p.SPI3, p.PB3, p.PB5, p.PB4, to, from, Irqs, log_bus::config());
             Some(LogBus::new(bus, Output::new(p.PC14, Level::High, Speed::Low)))
         },
-        battery: Gauge { converter: p.ADC1, voltage: p.PC0, stream: p.DMA2_CH4 },
+        battery: Gauge { converter: p.ADC1, voltage: p.PC0, current: p.PC1, stream: p.DMA2_CH4 },
         status: Output::new(p.PC13, Level::High, Speed::Low),
         buzzer: Output::new(p.PC15, Level::Low, Speed::Low),
         watchdog: IndependentWatchdog::new(p.IWDG, WATCHDOG_US),

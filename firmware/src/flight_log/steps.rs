@@ -23,10 +23,10 @@ const GROUPS: usize = WORDS.div_ceil(GROUP);
 /// Longest step.
 const STEP_BYTES: usize = 2 + 2 + 12 + GROUPS + 4 * WORDS;
 const _: () = assert!(GROUPS <= 14 && STEP_BYTES <= ROOM);
-/// The words from here on are the rotors' speeds and their age.
-const ROTORS: usize = 54;
+/// The words with the rotors' speeds and their age.
+const ROTORS: core::ops::Range<usize> = 54..59;
 /// The groups that are foreseen to be 0, and mostly are.
-const SLOW_GROUPS: core::ops::Range<usize> = 2..ROTORS / GROUP;
+const SLOW_GROUPS: core::ops::Range<usize> = 2..ROTORS.start / GROUP;
 /// The words with the inertial sample: rates, specific force.
 const INERTIAL: core::ops::Range<usize> = 4..10;
 
@@ -64,7 +64,7 @@ impl Foreseen {
             [self.words[2], self.words[3]] = [time_us as u32, (time_us >> 32) as u32];
         } else {
             self.words[..INERTIAL.start].fill(0);
-            self.words[ROTORS..].fill(0);
+            self.words[ROTORS].fill(0);
         }
         self.words[INERTIAL].copy_from_slice(&counts.map_or([0; 6], values));
     }
@@ -72,7 +72,7 @@ impl Foreseen {
     /// Takes in what the step was.
     fn learn(&mut self, words: &Words) {
         self.words[..INERTIAL.start].copy_from_slice(&words[..INERTIAL.start]);
-        self.words[ROTORS..].copy_from_slice(&words[ROTORS..]);
+        self.words[ROTORS].copy_from_slice(&words[ROTORS]);
         self.follows = true;
     }
 }
@@ -307,10 +307,10 @@ mod tests {
         let mut words = [0; WORDS];
         // A sample, running, self-test passed, parameters valid, rotors heard, whose speeds are of coarse steps.
         words[..4].copy_from_slice(&[1 | 1 << 3 | 1 << 5 | 1 << 7 | 1 << 14, n, 500 * n, 0]);
-        for (place, word) in words[ROTORS..ROTORS + 4].iter_mut().enumerate() {
+        for (place, word) in words[ROTORS].iter_mut().take(4).enumerate() {
             *word = (900.0 + ((n + place as u32) / 4 % 7) as f32).to_bits();
         }
-        words[WORDS - 1] = 500;
+        words[ROTORS.end - 1] = 500;
         let counts = [0, 1, 2, 3, 4, 5].map(|place| (n * 37 % 4_001) as i16 - 2_000 + place);
         words[INERTIAL].copy_from_slice(&values(counts));
         for (place, word) in words[12..16].iter_mut().enumerate() {

@@ -27,7 +27,7 @@ pub(super) struct ReplayArgs {
 }
 
 /// Columns of log.csv.
-const COLUMNS: [&str; 22] = [
+const COLUMNS: [&str; 23] = [
     "t_s",
     "step",
     "rate_x_rad_s",
@@ -41,6 +41,7 @@ const COLUMNS: [&str; 22] = [
     "motor_3",
     "motor_4",
     "battery_v",
+    "battery_a",
     "north_m",
     "east_m",
     "altitude_m",
@@ -78,7 +79,8 @@ pub(super) fn replay(args: &ReplayArgs) -> Result<(), Failure> {
 /// The rows of log.csv.
 struct Table {
     writer: csv::Writer<Vec<u8>>,
-    battery_v: f32,
+    /// Volts and amperes.
+    battery: [f32; 2],
 }
 
 impl Table {
@@ -86,12 +88,14 @@ impl Table {
         let mut writer = csv::Writer::from_writer(Vec::new());
         // Writing to a vector cannot fail.
         let _ = writer.write_record(COLUMNS);
-        Self { writer, battery_v: f32::NAN }
+        Self { writer, battery: [f32::NAN; 2] }
     }
 
     fn note(&mut self, record: &Record, flight: Option<&Flight>) {
         let measurements = &record.arrived.measurements;
-        self.battery_v = measurements.battery_v.map_or(self.battery_v, |battery| battery.value);
+        for (last, reading) in self.battery.iter_mut().zip([measurements.battery_v, measurements.battery_a]) {
+            *last = reading.map_or(*last, |reading| reading.value);
+        }
         if !record.step.is_multiple_of((SAMPLE_HZ / LOG_HZ as f32) as u32) {
             return;
         }
@@ -104,7 +108,7 @@ impl Table {
             });
         put(&sample);
         put(&if let Command::Run(shares) = record.command { shares } else { [0.0; 4] });
-        put(&[self.battery_v]);
+        put(&self.battery);
         put(&flight.map_or([f32::NAN; 8], |flight| believed(flight.estimate())));
         let mode = flight.and_then(|flight| flight.helm().decision()).map(|decision| decision.mode.to_string());
         row.push(mode.unwrap_or_default());

@@ -268,12 +268,13 @@ fn line(status: &Status, motion: &Motion, rotors: &Rotors) -> String {
     let (north, east, up) = (known(5, north), known(5, east), known(3, -down));
     let (v_north, v_east, v_up) = (known(4, v_north), known(4, v_east), known(3, -v_down));
     let [m1, m2, m3, m4] = rotors.speeds.map(|speed| 100.0 * speed);
-    let Status { time_us, battery_v, load, step_us_max, late, dropped, .. } = status;
+    let Status { time_us, battery_v, battery_a, used_as, load, step_us_max, late, dropped, .. } = status;
     format!(
         "{:9.1} s  roll {roll:6.1} pitch {pitch:6.1} heading {heading:6.1} deg  north {north:6.2} east {east:6.2} up {up:6.2} m  \
-         {v_north:5.2} {v_east:5.2} {v_up:5.2} m/s  rotors {m1:3.0} {m2:3.0} {m3:3.0} {m4:3.0} %  {battery_v:5.2} V  load {:2.0} %, \
+         {v_north:5.2} {v_east:5.2} {v_up:5.2} m/s  rotors {m1:3.0} {m2:3.0} {m3:3.0} {m4:3.0} %  {battery_v:5.2} V {battery_a:5.1} A {:5.0} mAh  load {:2.0} %, \
          longest step {step_us_max} us, late {late}, dropped {dropped}\n",
         *time_us as f64 * 1e-6,
+        used_as / 3.6,
         100.0 * load,
     )
 }

@@ -28,6 +28,8 @@ pub enum Mishap {
     DefmtPanic = 11,
     /// The satellite receiver refuses the next three messages that ask for more than a speed.
     GnssRefuses = 12,
+    /// Each of the battery's converter's next twenty conversions never ends.
+    ConverterHangs = 13,
 }
 
 /// A part on the slow sensors' bus.

@@ -36,9 +36,9 @@ impl Emulator {
         self.say(b'q', [motor, telemetry as u8]);
     }
 
-    /// Sets the battery's voltage, V; holds.
-    pub fn set_battery(&mut self, volts: f32) {
-        self.say(b'b', bytes_of(&[volts]));
+    /// Sets the battery's voltage, V, and the current out of it, A; holds.
+    pub fn set_battery(&mut self, volts: f32, amperes: f32) {
+        self.say(b'b', bytes_of(&[volts, amperes]));
     }
 
     /// Lets the radio receiver send a frame with these channels, 172 to 1811.

@@ -1,4 +1,4 @@
-//! What the power train tells: motor current, battery voltage, and rotor speeds.
+//! What the power train tells: motor current, battery voltage and current, and rotor speeds.
 //!
 //! ```text
 //! I = I_hover Σ (F_i / F_hover)^1.5 / 4      V = k (cells · ocv(charge) − R I) + σ n      Ω = √(F / b)
@@ -24,6 +24,9 @@ const CELL: [(f64, f64); 6] = [(0.0, 3.0), (0.05, 3.5), (0.2, 3.7), (0.5, 3.82),
 const VOLTAGE_LSB_V: f64 = 3.3 * 11.0 / 4096.0;
 /// Largest voltage behind that divider, V.
 const VOLTAGE_MAX_V: f64 = 36.3;
+/// Step of that converter behind a sensor of 25 A/V, and the largest current there, A.
+const CURRENT_LSB_A: f64 = 3.3 * 25.0 / 4096.0;
+const CURRENT_MAX_A: f64 = 82.5;
 /// Noise of a voltage sample, 1 σ, V.
 const VOLTAGE_NOISE_V: f64 = 0.02;
 /// Electric turns of a motor a mechanical one: fourteen magnets.
@@ -49,10 +52,10 @@ fn cell_v(charge: f64) -> f64 {
     v0 + (v1 - v0) * ((charge - c0) / (c1 - c0)).clamp(0.0, 1.0)
 }
 
-/// A battery in flight, and the sensor of its voltage.
+/// A battery in flight, and the sensor of its voltage and current.
 pub(super) struct BatteryModel {
     keys: BatteryKeys,
-    line: Line<f32>,
+    line: Line<[f32; 2]>,
     chance: Chance,
     broken: Broken<[f64; 1]>,
     noise: f64,
@@ -76,7 +79,8 @@ impl BatteryModel {
         }
     }
 
-    pub(super) fn sample(&mut self, world: &World, current_a: f64) -> Option<Stamped<f32>> {
+    /// Voltage, V, and current, A.
+    pub(super) fn sample(&mut self, world: &World, current_a: f64) -> Option<Stamped<[f32; 2]>> {
         let BatteryKeys { cells, capacity_ah, resistance_ohm, .. } = self.keys;
         self.charge = (self.charge - current_a * self.dt_s / (3600.0 * capacity_ah)).max(0.0);
         if self.line.is_due(world.t_s) {
@@ -87,7 +91,8 @@ impl BatteryModel {
             let [read_v] = self.broken.read(world.t_s, [there_v], |_| span_v);
             let lost = self.broken.is_lost();
             let read_v = register(read_v, VOLTAGE_LSB_V, span_v) as f32;
-            self.line.send(world.t_s, (!lost).then_some(read_v), &mut self.chance);
+            let read_a = register(current_a, CURRENT_LSB_A, (0.0, CURRENT_MAX_A)) as f32;
+            self.line.send(world.t_s, (!lost).then_some([read_v, read_a]), &mut self.chance);
         }
         self.line.receive(world.t_s)
     }

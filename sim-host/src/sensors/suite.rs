@@ -12,7 +12,7 @@ use super::vision::VisionModel;
 use crate::fault::sensors::SensorFault;
 use crate::flight::{Stream, random_of};
 use crate::vehicle::Vehicle;
-use control_core::measurement::Measurements;
+use control_core::measurement::{Measurements, Stamped};
 use nalgebra::Vector3;
 
 /// Stream of what all sensors of the machine have in common, apart from those of the sensors.
@@ -96,6 +96,8 @@ impl SensorSuite {
         let [imu, imu_second] = self.imus.each_mut().map(|imu| imu.as_mut()?.sample(world, &shaken));
         let air = &self.air;
         let [baro, baro_second] = self.baros.each_mut().map(|baro| baro.as_mut()?.sample(world, air));
+        let battery = self.battery.as_mut().and_then(|battery| battery.sample(world, current_a));
+        let of_battery = |n: usize| battery.map(|at| Stamped { time_us: at.time_us, value: at.value[n] });
         Measurements {
             imu,
             imu_second,
@@ -107,7 +109,8 @@ impl SensorSuite {
             flow: self.flow.as_mut().and_then(|flow| flow.sample(world, distance_m)),
             vision: self.vision.as_mut().and_then(|vision| vision.sample(world)),
             rotor_rad_s: self.rotor_speed.as_mut().and_then(|rotors| rotors.sample(world, &self.vehicle)),
-            battery_v: self.battery.as_mut().and_then(|battery| battery.sample(world, current_a)),
+            battery_v: of_battery(0),
+            battery_a: of_battery(1),
         }
     }
 }

@@ -58,8 +58,8 @@ impl Said {
         if let Some(rotors) = measurements.rotor_rad_s {
             emulator.turn_rotors(rotors.value);
         }
-        if let Some(battery_v) = measurements.battery_v {
-            emulator.set_battery(battery_v.value);
+        if let (Some(battery_v), Some(battery_a)) = (measurements.battery_v, measurements.battery_a) {
+            emulator.set_battery(battery_v.value, battery_a.value);
         }
     }
 
