@@ -26,7 +26,7 @@ fn on_the_ground(value: f32) -> Aloft {
 /// The numbers that carry a command.
 fn numbers(protocol: Protocol, command: Command) -> [u16; 4] {
     let (stop, number): (u16, fn(f32) -> u16) = match protocol {
-        Protocol::Pwm => (1_000, |share| Pulse::from_speed(share).us()),
+        Protocol::Pwm => (1_000, |share| Pulse::running(share).us()),
         Protocol::DShot300 | Protocol::DShot600 => (0, |share| Value::running(share).get()),
     };
     match command {

@@ -96,13 +96,7 @@ impl Motors {
             pins.set_pulses(pulses(command, pins.counts()));
             return;
         }
-        let values = match command {
-            Command::Stop => [dshot::Value::STOP; 4],
-            Command::Run(shares) => shares.map(dshot::Value::running),
-            Command::Bench(shares) => {
-                shares.map(|share| if share > 0.0 { dshot::Value::running(share) } else { dshot::Value::STOP })
-            }
-        };
+        let values = each(command, dshot::Value::STOP, dshot::Value::running);
         let dialogue = dialogue(ear.as_ref());
         let heard = ear.as_mut().and_then(|ear| ear.stop().then(|| ear.pins()));
         let (before_us, now_us, frame_us) = (self.asked_us, now_us(), self.protocol.frame_us());
@@ -136,11 +130,16 @@ fn dialogue(ear: Option<&MotorEar>) -> Dialogue {
     if ear.is_some() { Dialogue::Answered } else { Dialogue::OneWay }
 }
 
+/// What each motor is told.
+fn each<T: Copy>(command: Command, stop: T, running: impl Fn(f32) -> T) -> [T; 4] {
+    match command {
+        Command::Stop => [stop; 4],
+        Command::Run(shares) => shares.map(running),
+        Command::Bench(shares) => shares.map(|share| if share > 0.0 { running(share) } else { stop }),
+    }
+}
+
 /// Pulse widths in counts of a timer that has `counts` in a period.
 fn pulses(command: Command, counts: u32) -> [u32; 4] {
-    let pulses = match command {
-        Command::Stop => [Pulse::STOP; 4],
-        Command::Run(shares) | Command::Bench(shares) => shares.map(Pulse::from_speed),
-    };
-    pulses.map(|pulse| u32::from(pulse.us()) * (counts * PWM_HZ / 1_000) / 1_000)
+    each(command, Pulse::STOP, Pulse::running).map(|pulse| u32::from(pulse.us()) * (counts * PWM_HZ / 1_000) / 1_000)
 }

@@ -94,7 +94,7 @@ impl Protocol {
     /// Share of its fastest speed that a motor is told by a number: a frame's value, or the microseconds of a pulse.
     pub fn speed(self, told: u16) -> f64 {
         let (told, [slowest, fastest]) =
-            (f64::from(told), if self == Self::Pwm { [1e3, 2e3] } else { [48.0, 2_047.0] });
+            (f64::from(told), if self == Self::Pwm { [1_070.0, 2e3] } else { [48.0, 2_047.0] });
         ((told - slowest) / (fastest - slowest)).max(0.0)
     }
 }
