@@ -103,7 +103,7 @@ pub(crate) fn start(spawner: Spawner) {
         defmt::error!("the supply was too low: the chip has started anew");
     }
     if bitten {
-        defmt::error!("the watchdog has reset the chip: no step was done in time, or a fault had stopped all");
+        defmt::error!("the watchdog has reset the chip: no step ended within 2 ms, or a fault had stopped all");
         if !browned_out {
             black_box::report();
         }

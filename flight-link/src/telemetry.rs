@@ -29,7 +29,7 @@ pub struct Status {
     pub battery_v: f32,
     /// Current out of it, A; NaN if nobody has measured it lately.
     pub battery_a: f32,
-    /// Charge taken from it since the board was switched on, A s.
+    /// Charge taken from it since the board's start, or that of a flight which went on after a reset, A s.
     pub used_as: f32,
     /// Steps of the control loop since boot.
     pub steps: u32,

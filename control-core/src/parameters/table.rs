@@ -42,10 +42,10 @@ parameters! {
     FsTilt "FS_TILT" ["deg"] 50.0..=120.0, 80.0, "Tilt that ends the flight if it lasts a second.";
     FenceRadius "FENCE_RADIUS" ["m"] 0.0..=5000.0, 0.0, "Distance from home of the fence; 0 for none.";
     FenceHeight "FENCE_HEIGHT" ["m"] 0.0..=1000.0, 120.0, "Height above home of the fence; 0 for none.";
-    BatCells "BAT_CELLS" [""] 0.0..=14.0, 0.0, "Cells of the battery in series; 0 if nobody measures its voltage.";
+    BatCells "BAT_CELLS" [""] 0.0..=14.0, 0.0, "Cells of the battery in series; 0: its voltage is not heeded.";
     BatLowV "BAT_LOW_V" ["V"] 2.5..=4.2, 3.5, "Voltage of a cell that is low.";
     BatCriticalV "BAT_CRIT_V" ["V"] 2.5..=4.2, 3.3, "Voltage of a cell that is critical.";
-    BatUseMax "BAT_USE_MAX" ["mAh"] 0.0..=50000.0, 0.0, "Charge used since power-up at which the battery is low; 0 for any.";
+    BatUseMax "BAT_USE_MAX" ["mAh"] 0.0..=50000.0, 0.0, "Charge used since the start at which the battery is low; 0 for any.";
     BatDivider "BAT_V_DIV" [""] 0.0..=40.0, 0.0, "Battery voltage over the converter's; 0: as the board has it.";
     BatAmperes "BAT_A_PER_V" ["A/V"] 0.0..=500.0, 0.0, "Battery current over the converter's voltage; 0: as the board has it.";
     BatOffset "BAT_A_OFF" ["A"] -20.0..=20.0, 0.0, "What the current sensor reads too much, at any current.";
