@@ -67,7 +67,8 @@ checks! {
     Level "the accelerometer does not feel level ground", |f, l| f.feels_one_g() && f.leans_less(l.upright);
     Estimate "the estimate is not healthy enough for the mode", |f, _| f.level >= f.mode.needs();
     Battery "the battery is low, or not measured",
-        |f, l| (!l.has_battery || f.cell_v.is_some_and(|v| v > l.cell_low_v)) && f.used_as <= l.used_as;
+        |f, l| (!l.has_battery || f.cell_v.is_some_and(|v| v > l.cell_low_v))
+            && (f.used_as <= l.used_as || l.used_as == f32::INFINITY);
     Motors "the wiring check has not passed", |f, l| !l.motors || f.wiring_passed;
     Bench "a test on the bench is running", |f, _| !f.on_bench;
     Late "the control loop is late", |f, _| !f.late;
@@ -237,7 +238,7 @@ mod tests {
     fn every_check_fails_alone_and_says_why() {
         assert!(good().failing(&limits()).is_empty());
         let leaning = Vec3::new(GRAVITY_M_S2 * 0.5, 0.0, -GRAVITY_M_S2 * 0.866);
-        let cases: [(Check, Facts); 23] = [
+        let cases: [(Check, Facts); 24] = [
             (Check::Link, Facts { link_age_s: 0.6, ..good() }),
             (Check::Link, Facts { link_age_s: f32::INFINITY, ..good() }),
             (Check::Link, Facts { link_age_s: f32::NAN, ..good() }),
@@ -258,6 +259,7 @@ mod tests {
             (Check::Battery, Facts { cell_v: Some(3.4), ..good() }),
             (Check::Battery, Facts { cell_v: None, ..good() }),
             (Check::Battery, Facts { used_as: 3_601.0, ..good() }),
+            (Check::Battery, Facts { used_as: f32::NAN, ..good() }),
             (Check::Motors, Facts { wiring_passed: false, ..good() }),
             (Check::Bench, Facts { on_bench: true, ..good() }),
             (Check::Late, Facts { late: true, ..good() }),
@@ -278,7 +280,7 @@ mod tests {
     #[test]
     fn what_nobody_asks_for_is_not_checked() {
         let limits = Limits::from(&Parameters::default());
-        let facts = Facts { cell_v: None, wiring_passed: false, ..good() };
+        let facts = Facts { cell_v: None, used_as: f32::NAN, wiring_passed: false, ..good() };
         assert!(facts.failing(&limits).is_empty());
         let by_itself = Facts { throttle: 0.5, mode: Mode::TakeOff, ..good() };
         assert!(by_itself.failing(&limits).is_empty(), "take-off does not look at the throttle");

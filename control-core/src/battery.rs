@@ -6,8 +6,9 @@
 //!
 //! A reading counts for [`HOLDS_US`]. Over a gap the current is taken to have been the mean of both ends.
 //!
-//! Invariant: the charge is finite. A reading that is not a number, or no later than the one before, changes nothing.
+//! Invariant: the charge is finite, and one that a reset may keep (`restart.rs`). A reading that is not a number, or no later than the one before, changes nothing.
 use crate::measurement::{Measurements, Stamped};
+use crate::restart::LARGEST;
 
 /// How long a reading counts, µs: ten are made a second.
 pub const HOLDS_US: u64 = 1_000_000;
@@ -37,7 +38,7 @@ impl Battery {
         let elapsed_us = u32::try_from(current_a.time_us.saturating_sub(before.time_us)).unwrap_or(u32::MAX);
         let used_as = self.used_as + 0.5 * (before.value + current_a.value) * (elapsed_us as f32 * 1e-6);
         if used_as.is_finite() {
-            self.used_as = used_as;
+            self.used_as = used_as.clamp(-LARGEST, LARGEST);
         }
     }
 
@@ -51,9 +52,9 @@ impl Battery {
         lately(self.current_a, now_us)
     }
 
-    /// Charge taken from it since the machine was switched on, A s.
+    /// Charge taken from it since the start, A s; NaN until its current was measured.
     pub fn used_as(&self) -> f32 {
-        self.used_as
+        if self.current_a.is_some() { self.used_as } else { f32::NAN }
     }
 
     /// The charge, to be kept over a reset.
@@ -88,7 +89,8 @@ mod tests {
     #[test]
     fn a_reading_counts_for_a_second_and_the_charge_for_ever() {
         let mut battery = Battery::default();
-        assert_eq!((battery.voltage_v(0), battery.current_a(0), battery.used_as()), (None, None, 0.0));
+        assert_eq!((battery.voltage_v(0), battery.current_a(0)), (None, None));
+        assert!(battery.used_as().is_nan(), "nobody knows it");
         battery.note(&Measurements { battery_v: Some(Stamped { time_us: 7, value: 16.0 }), ..amperes(7, 2.0) });
         battery.note(&amperes(500_007, 2.0));
         assert_eq!((battery.voltage_v(1_000_007), battery.voltage_v(1_000_008)), (Some(16.0), None));
@@ -107,5 +109,8 @@ mod tests {
         }
         battery.note(&amperes(u64::MAX, f32::MAX));
         assert_eq!(battery.used_as(), 3.0);
+        let mut open = Battery::default();
+        (0..30_000).for_each(|n| open.note(&amperes(900_000 * n, 132.0)));
+        assert_eq!(open.used_as(), LARGEST, "a reset keeps no more");
     }
 }

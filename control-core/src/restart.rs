@@ -35,7 +35,7 @@ pub(crate) const VERSION: u32 = 0x666c_7902;
 /// How long a flight that has gone on must last to go on once more, s.
 pub const SOUND_S: u64 = 10;
 /// Largest number that is believed.
-const LARGEST: f32 = 1e6;
+pub(crate) const LARGEST: f32 = 1e6;
 
 /// Passes over the words, in or out: each part of the state names what of it is kept once, for both.
 pub(crate) struct Tape<'a> {

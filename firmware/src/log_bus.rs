@@ -46,9 +46,10 @@ impl LogBus {
         self.select.set_low();
     }
 
-    /// Ends that.
+    /// Ends that, for at least a quarter of a microsecond: a slow pin takes 100 ns to rise, and a chip wants 50 of it high.
     pub(crate) fn deselect(&mut self) {
         self.select.set_high();
+        cortex_m::asm::delay(64);
     }
 
     /// Sends bytes by DMA; whether that worked.

@@ -11,7 +11,7 @@ use firmware::log_file::{Blocks, Extent, FileError};
 use crate::board::{LOG_ON_CARD, LOG_ON_FLASH};
 use crate::card::{Card, CardError};
 use crate::log_bus::LogBus;
-use crate::log_flash::{Failing, LogFlash};
+use crate::log_flash::{Failing, LogFlash, SECTOR_BLOCKS};
 
 /// Why no log is kept.
 pub(crate) enum Trouble {
@@ -29,7 +29,7 @@ impl Trouble {
     pub(crate) fn text(&self) -> &'static str {
         match self {
             Self::Missing if LOG_ON_CARD => "there is no card",
-            Self::Missing => "the log flash does not answer",
+            Self::Missing => "no log flash answers that is driven",
             Self::Full => "FLIGHT.LOG is full",
             Self::Flash(Failing) => "the log flash fails",
             Self::Card(FileError::NoFile) => "the card has no FLIGHT.LOG",
@@ -83,7 +83,16 @@ impl<'a> Medium<'a> {
         let all = Extent { first: 0, blocks: flash.blocks };
         // What somebody else has left there is not ours to search.
         let ours = is_log(&first) || !is_written(&first);
-        let end = if ours { all.end(&mut flash, is_written).await? } else { all.blocks };
+        let mut end = if ours { all.end(&mut flash, is_written).await? } else { all.blocks };
+        // Power may have failed within an erasure: what is behind the end is blank, or the sector is left as it is.
+        let sector_end = end.next_multiple_of(SECTOR_BLOCKS);
+        for block in end..sector_end {
+            flash.read(block, &mut first).await?;
+            if is_written(&first) {
+                end = sector_end;
+                break;
+            }
+        }
         Ok((Self::Flash(flash), end))
     }
 

@@ -70,12 +70,13 @@ impl Motors {
     /// Connects the outputs, with every motor told to stand. Until their first frame or pulse begins, lines that are not answered stay low.
     ///
     /// - `ear`: what listens, if anything can; it does so if the parameters say so.
-    pub(crate) fn new(mut pins: MotorPins, ear: Option<MotorEar>, parameters: &Parameters) -> Self {
+    /// - `resumed`: in the air no pulse tells a motor to stand.
+    pub(crate) fn new(mut pins: MotorPins, ear: Option<MotorEar>, parameters: &Parameters, resumed: bool) -> Self {
         let protocol = Protocol::of(parameters);
         let asks = protocol != Protocol::Pwm && parameters[Parameter::DshotBidirectional] >= 0.5;
         let mut ear = ear.filter(|_| asks);
         pins.set_rate(protocol.timer_hz());
-        if protocol == Protocol::Pwm {
+        if protocol == Protocol::Pwm && !resumed {
             pins.set_pulses(pulses(Command::Stop, pins.counts()));
         }
         if let Some(ear) = &mut ear {

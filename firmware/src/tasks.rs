@@ -80,7 +80,7 @@ const STEP_US_MAX: u64 = (1e6 / SAMPLE_HZ) as u64;
 /// Time within which it must be done for the watchdog to be fed: the longest period that the law is flown at, 500 Hz
 /// (`tests/tolerance.rs`).
 const STEP_US_HELD: u64 = 2_000;
-/// Bytes of the station that may wait: two frames.
+/// Bytes of the station that may wait: a frame and a half.
 const STATION_BYTES: usize = 256;
 /// Answers of a speed controller in a second below which the log tells of it: three of four.
 const ANSWERS_MIN: u32 = 3 * SAMPLE_HZ as u32 / 4;
@@ -128,7 +128,7 @@ pub(crate) fn start(spawner: Spawner) {
     if resumed {
         defmt::error!("it was in the air: the flight goes on");
     }
-    let motors = Motors::new(motors, ear, &parameters);
+    let motors = Motors::new(motors, ear, &parameters, resumed);
     let valid = loaded.is_valid();
     let mut listeners = Listeners { reports: producer, recorder: None };
     // The constants say to the linker, too, whether there is a queue.

@@ -215,7 +215,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
         store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region3),
         log_bus: Some(LogBus::new(
             Spi::new(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH4, p.DMA1_CH3, Irqs, log_bus::config()),
-            Output::new(p.PB12, Level::High, Speed::Low),
+            Output::new(p.PB12, Level::High, Speed::VeryHigh),
         )),
         battery: Gauge { converter: p.ADC1, voltage: p.PC0, current: p.PC2, stream: p.DMA2_CH4 },
         status: Output::new(p.PC15, Level::High, Speed::Low),

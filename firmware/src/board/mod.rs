@@ -25,6 +25,8 @@ use crate::log_bus::LogBus;
 
 mod bank;
 mod ear;
+#[cfg(feature = "orbit-h743")]
+mod ecc;
 mod gauge;
 
 #[cfg(feature = "foxeer-f722-v4")]

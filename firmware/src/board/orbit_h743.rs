@@ -37,7 +37,7 @@ use core::ops::Range;
 
 use embassy_stm32::adc::{Adc, SampleTime};
 use embassy_stm32::exti::{self, ExtiInput};
-use embassy_stm32::flash::{Bank2Region, Blocking as StoreMode, Flash};
+use embassy_stm32::flash::Flash;
 use embassy_stm32::gpio::{AnyPin, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::i2c::{self, I2c};
 use embassy_stm32::peripherals::USB_OTG_FS;
@@ -60,6 +60,7 @@ use firmware::{crsf, mpu6000, pose, ubx};
 
 use super::bank::{Bank, UNTOLD};
 use super::ear::Ear;
+use super::ecc::Checked;
 use super::gauge::Gauge;
 use super::{
     Board, Buffers, STATION_BAUD, WATCHDOG_US, control_executor, imu_bus_config, line_config, sensor_bus, store,
@@ -89,7 +90,7 @@ pub(crate) const IMU_MOUNT: Mount = [(1, true), (0, true), (2, true)];
 /// The status LED is on when its pin is low.
 pub(crate) const STATUS_ON: Level = Level::Low;
 /// The region of flash that ends with the parameters.
-pub(super) type StoreRegion = Bank2Region<'static, StoreMode>;
+pub(super) type StoreRegion = Checked;
 /// The parameters' two sectors within it; the memory map leaves them out.
 pub(super) const STORE: Range<u32> = 0xc_0000..0x10_0000;
 /// The independent watchdog.
@@ -197,7 +198,7 @@ pub(crate) fn init(buffers: &'static mut Buffers) -> Board {
             .expect("the baud rate is within the port's range")
             .split(),
         usb: usb::Driver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, &mut buffers.usb, usb_config()),
-        store: store(Flash::new_blocking(p.FLASH).into_blocking_regions().bank2_region),
+        store: store(Checked(Flash::new_blocking(p.FLASH).into_blocking_regions().bank2_region)),
         log_bus: None,
         battery: Gauge { converter: Adc::new(p.ADC1), voltage: p.PC0, current: p.PC1, stream: p.DMA2_CH2 },
         status: Output::new(p.PE3, Level::High, Speed::Low),
