@@ -4,8 +4,8 @@
 //! At the priority of a hard fault, and if it is told so, the core takes no notice of that error; the flash keeps a flag. Never tried on silicon.
 //!
 //! # Source
-//! RM0433, 4.3.9 "Flash memory error detection and correction"; Arm v7-M Architecture Reference Manual, B3.2.8 "Configuration and Control
-//! Register": BFHFNMIGN.
+//! RM0433, chapter 4, "Embedded Flash memory": DBECCERR; Arm v7-M Architecture Reference Manual, B3.2.8 "Configuration and Control Register":
+//! BFHFNMIGN. That such a read faults on an STM32H7, and that this keeps it from faulting, was tried for Zephyr (its issue 33140, pull request 34374).
 use core::arch::asm;
 
 use cortex_m::peripheral::SCB;
